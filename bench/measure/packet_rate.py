@@ -20,8 +20,7 @@ from virtual_time import both_nodes
 from hapticnet.codec.base import Codec
 from hapticnet.codec.recording import encode_array
 from hapticnet.codec.registry import make_codec
-from hapticnet.experiment.analysis import Columns, bytes_per_penetration
-from hapticnet.experiment.conditions import CONDITIONS, Condition
+from hapticnet.experiment.analysis import CONDITIONS, Columns, Condition, bytes_per_penetration
 from hapticnet.experiment.trials import paper_trial
 from hapticnet.measure.metrics import error_report
 from hapticnet.node.settings import MasterSettings

@@ -8,7 +8,7 @@ import numpy as np
 from hapticnet.channel.emulator import Emulator
 from hapticnet.channel.spec import parse_channel
 from hapticnet.device.simulated import PlantSettings, SimulatedDevice
-from hapticnet.experiment.figures import draw_run
+from hapticnet.experiment.signal_figure import draw_run
 from hapticnet.node.loopback import Loopback
 from hapticnet.node.master import MasterNode
 from hapticnet.node.settings import MasterSettings, SlaveSettings

@@ -1,9 +1,9 @@
-"""What a run cost and did: bytes per penetration, and the force held compared with the true force."""
+"""The paper's conditions, and what a run cost and did: bytes per penetration, and errors of the held force."""
 
 from bisect import bisect_right
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from typing import Any
+from dataclasses import dataclass, replace
+from typing import Any, Final
 
 import numpy as np
 import numpy.typing as npt
@@ -21,19 +21,48 @@ Columns = Mapping[str, FloatArray]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class BytesPerPenetration:
-    """Feedback bytes from touching a tissue to breaching it, including keepalives and UDP and IPv4 headers.
+class Condition:
+    """One way to treat the force on its way to the finger, named as in the paper."""
 
-    Attributes
-    ----------
-    each
-        Bytes of each penetration, in order of time.
-    depths_m
-        Positions of the tip at the breaches [m], in the same order; on the first axis if there are several.
-    """
+    name: str
+    codec: str
+    multiplier: float
+    """Threshold in JNDs."""
+    paper_correct: float
+    """Fraction of trials in which the paper's subjects put the tissues in the right order of stiffness."""
+    paper_byte_reduction: float | None = None
+    """By how much the paper's bytes per penetration fell; None where it gives no figure."""
+
+    @property
+    def slug(self) -> str:
+        """The name as part of a file name."""
+        return self.name.lower().replace(" ", "-")
+
+
+CONDITIONS: Final = (
+    Condition(name="none", codec="raw", multiplier=1.0, paper_correct=0.775, paper_byte_reduction=0.0),
+    Condition(name="1 JND", codec="deadband", multiplier=1.0, paper_correct=0.80, paper_byte_reduction=0.617),
+    Condition(name="2 JND", codec="deadband", multiplier=2.0, paper_correct=0.675),
+    Condition(name="4 JND", codec="deadband", multiplier=4.0, paper_correct=0.5375),
+)
+"""Source: "Cutaneous haptic deadband compression". "none" transmits every sample."""
+
+
+def conditions_with(codec: str) -> tuple[Condition, ...]:
+    """Return the same conditions with another codec, as written for ``--codec``, in place of the deadband."""
+    return tuple(
+        replace(condition, codec=codec) if condition.codec == "deadband" else condition for condition in CONDITIONS
+    )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class BytesPerPenetration:
+    """Feedback bytes from touching a tissue to breaching it, including keepalives and UDP and IPv4 headers."""
 
     each: tuple[int, ...]
+    """Bytes of each penetration, in order of time."""
     depths_m: tuple[float, ...]
+    """Positions of the tip at the breaches [m], in the same order; on the first axis if there are several."""
 
     @property
     def mean(self) -> float:

@@ -13,9 +13,16 @@ import numpy as np
 
 from hapticnet.codec.registry import make_codec, parse_codec, split_codec
 from hapticnet.errors import UnavailableError
-from hapticnet.experiment.analysis import Columns, bytes_per_penetration, felt_error, vectors
+from hapticnet.experiment.analysis import (
+    Columns,
+    Condition,
+    bytes_per_penetration,
+    conditions_with,
+    felt_error,
+    vectors,
+)
 from hapticnet.experiment.comparison import DELAY_US, delayed_report
-from hapticnet.experiment.conditions import Condition, conditions_with
+from hapticnet.experiment.style import BLUE, GREEN, GREY, INK, ORANGE, PURPLE, SKY, VERMILION, legend, picture
 from hapticnet.experiment.trials import Trial
 from hapticnet.measure.metrics import ErrorReport
 from hapticnet.perception import PAPER_FLOOR_N, PAPER_WEBER_FRACTION, WeberLaw
@@ -32,28 +39,21 @@ FROM_SLAVE: Final = ("packet_rate_reduction", "rmse_n", "max_error_n", "exceed_j
 FROM_MASTER: Final = ("tracking_rmse_n", "round_trip", "lateness", "ticks", "missed_ticks", "scheduling", "overload")
 """Figures of a condition that the processes report themselves."""
 
+TISSUE_LOOKS: Final = (("o", VERMILION), ("s", GREEN), ("^", PURPLE), ("D", ORANGE))
+
 Progress = Callable[[Condition, float], None]
 """Called with the condition being played and how long it has been playing [s]."""
 
 
 @dataclass(frozen=True, slots=True)
 class Played:
-    """One condition's raw results.
-
-    Attributes
-    ----------
-    slave, master
-        The reports of the two processes on this session.
-    slave_overload
-        What the slave reports about how busy the machine was, over all conditions.
-    slave_samples, master_samples
-        Their recordings.
-    """
+    """One condition's raw results: the reports of the two processes on its session, and their recordings."""
 
     condition: Condition
     slave: dict[str, Any]
     master: dict[str, Any]
     slave_overload: dict[str, Any]
+    """How busy the machine was over all conditions."""
     slave_samples: Columns
     master_samples: Columns
 
@@ -99,14 +99,9 @@ def play_conditions(
             arguments += ["--codec", condition.codec, "--multiplier", str(condition.multiplier)]
             arguments += ["--insertions", str(insertions), "--device", device, "--rate", str(rate_hz), "--first-touch"]
             arguments += ["--announced"] if announced else []
-            arguments += [
-                *hand,
-                "--connect-timeout",
-                str(CONNECT_TIMEOUT_S),
-                "--record",
-                str(_samples(folder, condition)),
-            ]
-            arguments += ["--report", str(folder / f"master-{condition.slug}.json"), "--quiet"]
+            arguments += [*hand, "--connect-timeout", str(CONNECT_TIMEOUT_S)]
+            arguments += ["--record", str(_samples(folder, condition)), "--quiet"]
+            arguments += ["--report", str(folder / f"master-{condition.slug}.json")]
             _play(condition, arguments, on_progress)
     report = json.loads(slave_report.read_text())
     return [_played(condition, folder, report) for condition in conditions]
@@ -168,6 +163,47 @@ def results(played: list[Played], tissues: Sequence[Tissue]) -> list[dict[str, A
             }
         )
     return rows
+
+
+def draw_bytes_per_penetration(rows: list[dict[str, Any]], file: Path) -> None:
+    """Draw the paper's Fig. 4: mean bytes per penetration in each condition, with every penetration by tissue."""
+    with picture(file, 4.2) as figure:
+        axes = figure.subplots()
+        top = max(max([row["bytes_per_penetration"], *row["bytes_of_each_penetration"]]) for row in rows)
+        for place, row in enumerate(rows):
+            mean, each = row["bytes_per_penetration"], row["bytes_of_each_penetration"]
+            axes.bar(place, mean, width=0.62, color=SKY if place else GREY, zorder=2)
+            axes.errorbar(place, mean, yerr=row["bytes_deviation"], color=INK, capsize=5, linewidth=1.2, zorder=3)
+            for number, tissue in enumerate(row["bytes_of_each_tissue"]):
+                marker, colour = TISSUE_LOOKS[number % len(TISSUE_LOOKS)]
+                axes.plot(
+                    place + 0.085 * (number + 1) + np.linspace(-0.02, 0.02, len(tissue["each"])),
+                    tissue["each"],
+                    marker,
+                    color=colour,
+                    markersize=4.5,
+                    markeredgecolor="white",
+                    markeredgewidth=0.4,
+                    zorder=4,
+                    label=None if place else f"{tissue['tissue']}, breaks at {tissue['breach_force_n']:g} N",
+                )
+            saved = "" if row["byte_reduction"] is None else f"\n−{row['byte_reduction']:.1%}"
+            label = f"{mean:,.0f} B" + (saved if place else "")
+            highest = max([mean + row["bytes_deviation"], *each])
+            axes.annotate(label, (place, highest + 0.02 * top), ha="center", va="bottom", zorder=5)
+            if row["paper_byte_reduction"] and row["counted"] == "penetration":
+                paper = (1.0 - row["paper_byte_reduction"]) * rows[0]["bytes_per_penetration"]
+                axes.plot([place - 0.36, place + 0.36], [paper, paper], color=BLUE, linestyle="--", zorder=5)
+                told = f"paper: −{row['paper_byte_reduction']:.1%}"
+                axes.annotate(told, (place + 0.4, paper), va="center", color=BLUE)
+        axes.set_xticks(range(len(rows)), [row["condition"] for row in rows])
+        axes.grid(visible=False, axis="x")
+        axes.set_ylim(0, 1.22 * top if top else 1)
+        counted = rows[0]["counted"]
+        axes.set_ylabel(f"feedback bytes per {counted}\n(with keepalives and UDP/IPv4 headers)")
+        axes.set_xlabel("deadband threshold")
+        axes.set_title(f"Bytes per {counted}: mean, standard deviation, every {counted}")
+        legend(figure, axes)
 
 
 @contextmanager

@@ -1,4 +1,4 @@
-"""The figure of a signal: true and applied force, the samples that are sent, and the error over time."""
+"""The figure of a signal: true and applied force, the samples that are sent, and the error over time; and of a run."""
 
 import math
 from dataclasses import dataclass
@@ -8,9 +8,10 @@ from typing import Any, Final
 import numpy as np
 import numpy.typing as npt
 
-from hapticnet.arrays import FloatArray
+from hapticnet.arrays import FloatArray, IntArray
 from hapticnet.errors import SettingsError
-from hapticnet.experiment.style import BLUE, INK, SKY, VERMILION, legend_above, picture
+from hapticnet.experiment.analysis import Columns, matched, vectors
+from hapticnet.experiment.style import BLUE, INK, ORANGE, SKY, VERMILION, legend, legend_above, picture
 from hapticnet.perception import WeberLaw
 
 HEIGHT_IN: Final = 4.4
@@ -18,31 +19,31 @@ HEIGHTS: Final = (3.0, 0.55, 1.3)
 """Relative heights of force, sent samples and error."""
 
 
+RUN_WIDTH_IN: Final = 8.0
+RUN_HEIGHT_IN: Final = 4.4
+"""At the 150 dots per inch of that figure, 1200 by 660 pixels."""
+
+TISSUES: Final = 3
+MARGIN_S: Final = 0.25
+ZOOM_S: Final = 0.32
+"""How long before the last breach the magnified part of the figure of a run begins [s]."""
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Signal:
-    """A force and what the other side applies.
-
-    Attributes
-    ----------
-    t_s
-        Times [s], shape (n,).
-    true_n, applied_n
-        True and applied force [N], shape (n, a).
-    sent, lost
-        Indices of the samples that were sent, and of those among them that were lost.
-    law
-        The law whose threshold is drawn.
-    felt_n
-        Force at the fingertip [N], shape (n,), if there is a finger.
-    """
+    """A force and what the other side applies: times [s], shape (n,), and forces [N], shape (n, a)."""
 
     t_s: FloatArray
     true_n: FloatArray
     applied_n: FloatArray
-    sent: npt.NDArray[np.int64]
-    lost: npt.NDArray[np.int64]
+    sent: IntArray
+    """Indices of the samples that were sent."""
+    lost: IntArray
+    """Indices of those among them that were lost."""
     law: WeberLaw
+    """The law whose threshold is drawn."""
     felt_n: FloatArray | None = None
+    """Force at the fingertip [N], shape (n,), if there is a finger."""
 
 
 def check_window(window_s: tuple[float, float], name: str, end_s: float) -> None:
@@ -132,3 +133,53 @@ def draw_sent(axes: Any, signal: Signal, window_s: tuple[float, float]) -> str:
 def _shown(signal: Signal, window_s: tuple[float, float]) -> npt.NDArray[np.bool_]:
     shown: npt.NDArray[np.bool_] = (signal.t_s >= window_s[0]) & (signal.t_s <= window_s[1])
     return shown
+
+
+def draw_run(slave: Columns, master: Columns, file: Path, *, codec: str) -> None:
+    """Draw the first insertion of a run from the recordings of both sides, its last breach magnified beside it.
+
+    Parameters
+    ----------
+    codec
+        Codec and threshold for the title, such as "deadband, 1 JND".
+    """
+    at_slave, at_master = matched(slave, master)
+    stamps_us = slave["t_us"][at_slave]
+    signal = Signal(
+        t_s=(stamps_us - stamps_us[0]) * 1e-6,
+        true_n=vectors(slave, "force", "n")[at_slave],
+        applied_n=vectors(slave, "held", "n")[at_slave],
+        sent=np.flatnonzero(slave["transmitted"][at_slave] > 0),
+        lost=np.empty(0, dtype=np.int64),
+        law=WeberLaw(),
+        felt_n=master["sensed_n"][at_master],
+    )
+    insertion_s, near_s = _windows(signal, slave["breaches"][at_slave])
+    settings = {"font_size": 11.0, "axes_titlesize": 11.5, "savefig_dpi": 150}
+    with picture(file, RUN_HEIGHT_IN, width_in=RUN_WIDTH_IN, **settings) as figure:
+        (force, near), (sent, near_sent) = figure.subplots(
+            2, 2, sharex="col", height_ratios=(4.4, 0.8), width_ratios=(2.1, 1)
+        )
+        for axes, ticks, window_s in ((force, sent, insertion_s), (near, near_sent, near_s)):
+            draw_force(axes, signal, window_s, width=1.6)
+            share = draw_sent(ticks, signal, window_s)
+            ticks.set_xlabel("time [s]")
+            ticks.set_xlim(window_s)
+            if axes is force:
+                title = f"{codec}: first insertion{told_extract(signal, window_s)}\n{share}"
+                figure.suptitle(title, color=BLUE, fontweight="bold")
+        force.axvspan(*near_s, color=ORANGE, alpha=0.2, linewidth=0)
+        legend(figure, force)
+        near.set_facecolor("#fdf5e6")
+        near.set_title("the shaded part, magnified")
+        near.set_ylabel("")
+        near_sent.set_ylabel("")
+
+
+def _windows(signal: Signal, breaches: FloatArray) -> tuple[tuple[float, float], tuple[float, float]]:
+    """Return the first insertion and the time around its last breach [s]; all there is if nothing is breached."""
+    t_s = signal.t_s
+    touching, through = np.flatnonzero(signal.true_n.any(axis=1)), np.flatnonzero(breaches >= TISSUES)
+    start_s = max(t_s[touching[0]] - MARGIN_S, 0.0) if len(touching) else 0.0
+    breach_s = t_s[through[0]] if len(through) else t_s[-1]
+    return (start_s, min(breach_s + MARGIN_S, t_s[-1])), (breach_s - ZOOM_S, breach_s + ZOOM_S / 8)

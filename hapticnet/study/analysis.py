@@ -13,7 +13,7 @@ from typing import Final, TypeAlias
 import numpy as np
 
 from hapticnet.errors import SettingsError
-from hapticnet.experiment.conditions import CONDITIONS
+from hapticnet.experiment.analysis import CONDITIONS
 from hapticnet.study.flow import NO_CONSENT
 from hapticnet.study.observers import labelled
 from hapticnet.study.rows import OrderRow

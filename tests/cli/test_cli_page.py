@@ -8,7 +8,7 @@ import pytest
 
 from hapticnet.cli import with_page_address
 from hapticnet.cli.console import Console
-from hapticnet.cli.demo_page import open_browser
+from hapticnet.cli.demo import open_browser
 from hapticnet.cli.pages import PAGE, address_in, address_of, choose_operator, say_addresses
 from hapticnet.errors import SettingsError, UnavailableError
 from hapticnet.web.access import Access

@@ -3,8 +3,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from hapticnet.experiment.analysis import bytes_per_penetration, felt_error, matched
-from hapticnet.experiment.conditions import CONDITIONS
+from hapticnet.experiment.analysis import CONDITIONS, bytes_per_penetration, felt_error, matched
 from hapticnet.node.settings import MasterSettings
 from hapticnet.perception import WeberLaw
 from hapticnet.recordings.text import write_csv

@@ -3,10 +3,10 @@
 import pytest
 
 import hapticnet as hn
-from hapticnet.cli.demo_table import print_table
-from hapticnet.experiment.conditions import CONDITIONS
-from hapticnet.experiment.demo import FROM_MASTER, FROM_SLAVE, Played, results
-from hapticnet.experiment.figures import draw_bytes_per_penetration, draw_run
+from hapticnet.cli.demo import print_results
+from hapticnet.experiment.analysis import CONDITIONS
+from hapticnet.experiment.demo import FROM_MASTER, FROM_SLAVE, Played, draw_bytes_per_penetration, results
+from hapticnet.experiment.signal_figure import draw_run
 from hapticnet.scene.sources import paper_scene
 
 DELAYS = {"p50_us": 1.0, "p99_us": 1.0, "p99_9_us": 1.0}
@@ -39,7 +39,7 @@ def test_a_scene_is_summed_up_by_what_happens_in_it(scene, tissues, counted, cap
         assert link["delay_us"] == 25_000
         assert 0.05 < link["exceed_jnd_fraction"] < 0.9
         assert link["created_share"] > 0.05
-    print_table(rows)
+    print_results(rows)
     printed = capsys.readouterr().out
     assert f"bytes per {counted}" in printed
     assert "above 1 JND over 25 ms" in printed

@@ -10,7 +10,7 @@ from hapticnet.codec.registry import make_codec
 from hapticnet.errors import SettingsError
 from hapticnet.experiment.comparison import compare
 from hapticnet.experiment.comparison_figures import Figures
-from hapticnet.experiment.figures import draw_run
+from hapticnet.experiment.signal_figure import draw_run
 from hapticnet.experiment.step_response import plot_step
 from hapticnet.experiment.style import COLOURS, check_format, draw_codecs, finish_axes, legend, mark_level, picture
 from hapticnet.experiment.trials import Trial

@@ -4,7 +4,7 @@ import signal
 import socket
 import time
 
-from hapticnet.experiment.conditions import CONDITIONS
+from hapticnet.experiment.analysis import CONDITIONS
 from hapticnet.experiment.demo import Played, disturbances
 
 PATIENCE_S = 20.0

@@ -194,7 +194,7 @@ def power(
 def _paper_shares(plan: "Plan") -> str:
     """Return the paper's shares of correct orders; raise SettingsError if the plan has another condition."""
     from hapticnet.errors import SettingsError
-    from hapticnet.experiment.conditions import CONDITIONS
+    from hapticnet.experiment.analysis import CONDITIONS
 
     known = {("raw", 0.0) if each.codec == "raw" else (each.codec, each.multiplier): each for each in CONDITIONS}
     for each in plan.condition:
