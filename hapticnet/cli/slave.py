@@ -209,7 +209,7 @@ class SlaveMessages(Watcher[SlaveEvent]):
     def check(self, now_us: int) -> None:  # noqa: ARG002 - the interval is fixed
         """Renew the status line."""
         node = self._node
-        if self._guests is not None and node.unkeyed and not self._said_unkeyed:
+        if self._guests is not None and node.hello_filter.unkeyed and not self._said_unkeyed:
             self._said_unkeyed = True
             public = format_key(self._guests.own.public)
             self._console.warn(f"somebody asks for a session with another slave's key; this slave's is {public}")

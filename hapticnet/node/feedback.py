@@ -300,14 +300,14 @@ class Feedback:
         """
         session = self._session
         try:
-            due = session.repair_is_due(now_us, force_n)
+            due = session.repair.is_due(now_us, force_n)
             if self._announcing is None:
                 if due:
                     self.encoder.refresh()
             else:
                 if self.on_model:
                     # A model is repeated until it has arrived. It then goes on by itself, and is only confirmed.
-                    due = due or session.keepalive_is_due(now_us)
+                    due = due or session.repair.keepalive_is_due(now_us)
                 if due and not (self.on_model and session.in_step):
                     self.encoder.refresh()
                 self._renew(self._announcing, sample.t_us, now_us)
@@ -355,7 +355,7 @@ class Feedback:
 
     def _encode(self, sample: PositionSample, force_n: Vector) -> bytes | None:
         payload = self.encoder.encode(sample.t_us, force_n, sample.position_m)
-        if payload is not None and self._builds_on_earlier and self._session.complete and not self.on_model:
+        if payload is not None and self._builds_on_earlier and self._session.repair.complete and not self.on_model:
             self.encoder.refresh()  # so that this payload builds on no earlier one
             payload = self.encoder.encode(sample.t_us, force_n, sample.position_m)
         if payload is not None and len(payload) > LARGEST_PAYLOAD:
@@ -363,9 +363,9 @@ class Feedback:
         return payload
 
     def _keepalive_is_due(self, force_n: Vector, now_us: int) -> bool:
-        if self._session.spoke_lately(now_us):
+        if self._session.repair.spoke_lately(now_us):
             return False
         # What follows the position may make a force before the next answer: confirm it while there is none, too.
         follows = self.on_model or self._codec.needs_position
         felt_n = math.inf if follows else max(magnitude(force_n), magnitude(self.held_n))
-        return self._session.keepalive_is_due(now_us, idle=felt_n < self._idle_below_n)
+        return self._session.repair.keepalive_is_due(now_us, idle=felt_n < self._idle_below_n)

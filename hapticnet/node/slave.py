@@ -27,6 +27,8 @@ NOTICES_AT_ONCE: Final = 20
 NOTICE_EVERY_US: Final = 2_000_000
 """Least time [µs] between two such notices to a master; a datagram may be lost."""
 
+STOPPING: Final = "this slave is about to stop: end soon, or go on elsewhere"
+
 REPORTS_KEPT: Final = 1000
 """Accounts of ended sessions that are kept: one or two megabytes, so that memory is bounded."""
 
@@ -59,17 +61,17 @@ class SlaveNode:
         self.to_unknown_peers = Traffic()
         self._settings = settings
         self._doors = {OPEN: Door()} if doors is None else doors
-        self._hello_filter = HelloFilter(self._doors, rng)
-        self.times = StepTimes(clock)  # the times of these steps
+        self.hello_filter = HelloFilter(self._doors, rng)
+        self.times = StepTimes(clock)
         self._admission = Admission(make_scene, settings, rng, self.times)
-        self._seats = SessionTable(settings.session)
-        self._stations = self._seats.by_number
+        self._table = SessionTable(settings.session)
+        self._contexts = self._table.by_number
         self._welcomes: dict[tuple[Address, int], tuple[SlaveContext, bytes]] = {}
         self._steps = LineSteps()
         self._to_notify: list[SlaveContext] = []
         self._notify_us = 0  # when all masters are told again that the slave is to stop
         self._to_answer: list[SlaveContext] = []
-        self._to_settle: list[SlaveContext] = []
+        self._to_account: list[SlaveContext] = []
         self.never_used = 0
         # why the newest malformed HELLO was dropped, and where it came from; None if there was none
         self.unread_hello: tuple[str, Address] | None = None
@@ -80,27 +82,17 @@ class SlaveNode:
     @property
     def contexts(self) -> tuple[SlaveContext, ...]:
         """The present sessions."""
-        return tuple(self._stations.values())
+        return tuple(self._contexts.values())
 
     @property
     def session_count(self) -> int:
         """Number of present sessions."""
-        return len(self._stations)
+        return len(self._contexts)
 
     def totals(self) -> tuple[int, int]:
         """Return the steps of all present sessions, and the datagrams that were sent in them."""
         contexts = self.contexts
         return sum(each.steps for each in contexts), sum(each.session.sent.packets for each in contexts)
-
-    @property
-    def throttled(self) -> int:
-        """Requests for a session that were not read because they came too often."""
-        return self._hello_filter.throttled
-
-    @property
-    def unkeyed(self) -> int:
-        """HELLOs whose senders use the public key of another slave."""
-        return self._hello_filter.unkeyed
 
     def receive_datagram(self, data: bytes, address: Address, now_us: int) -> None:
         """Process a datagram and answer it. Never raises: malformed and stray datagrams are counted."""
@@ -112,39 +104,36 @@ class SlaveNode:
 
         Send the answers at once, then call `account_sent`.
         """
-        self._seats.see(now_us)
+        self._table.see(now_us)
         for data, address in batch:
-            self._take_in(data, address, now_us)
-        self._answer_all(now_us)
-
-    def _answer_all(self, now_us: int) -> None:
-        """Answer the newest position of each session that has one."""
+            self._receive(data, address, now_us)
         for context in self._to_answer:
             if context.session.state is SlaveState.OPEN:
                 self._answer(context, now_us, context.answer)
-        self._to_settle += self._to_answer
+        self._to_account += self._to_answer
         self._to_answer.clear()
 
     def account_sent(self, now_us: int) -> None:
         """Account for the answers, which are on their way by now."""
-        for context in self._to_settle:
+        for context in self._to_account:
             try:
                 context.account_sent()
             except SceneFailedError as failure:
                 if context.session.state is SlaveState.OPEN:
                     self._end(context, str(failure), now_us, code=Code.FAILED)
-        self._to_settle.clear()
+        self._to_account.clear()
 
     def tick(self, now_us: int) -> None:
         """Forget sessions that have long been silent; step the scenes along the lines that their masters promised.
 
         Send the answers at once, then call `account_sent`.
         """
-        self._seats.see(now_us)
-        self._expire(now_us)
-        for context in self._seats.in_order(self._steps.due(now_us)):
+        self._table.see(now_us)
+        for context in self._table.expired(now_us):
+            self._forget(context, Trigger.IDLE, "nothing arrived from the master")
+        for context in self._table.in_order(self._steps.due(now_us)):
             self._answer(context, now_us, context.step_between)
-            self._to_settle.append(context)
+            self._to_account.append(context)
 
     def check(self, now_us: int, waited_us: Clock = no_wait) -> None:
         """Look whether scenes keep up with positions; call this a few times a second.
@@ -160,7 +149,7 @@ class SlaveNode:
         if news is None:
             return
         self._events.extend(news)
-        for context in tuple(self._stations.values()):
+        for context in tuple(self._contexts.values()):
             slow = context.slow if context.seated else None
             if slow is not None:
                 self._notify(context, str(slow.warning), Code.SLOW, now_us)
@@ -178,11 +167,11 @@ class SlaveNode:
     @property
     def drained(self) -> bool:
         """Whether no master has a session any more."""
-        return not any(context.seated for context in self._stations.values())
+        return not any(context.seated for context in self._contexts.values())
 
     def next_timer_us(self) -> int | None:
         """Return when `tick` may have something to do [µs]; None if there is no session."""
-        expiry_us, step_us = self._seats.next_expiry_us(), self._steps.earliest_us()
+        expiry_us, step_us = self._table.next_expiry_us(), self._steps.earliest_us()
         if step_us is None or (expiry_us is not None and expiry_us < step_us):
             return expiry_us
         return step_us
@@ -221,13 +210,13 @@ class SlaveNode:
     def report(self) -> dict[str, Any]:
         """Return the account of the sessions for JSON: the present ones and the newest that have ended.
 
-        Sessions that never took a seat count among the strangers.
+        Sessions that never took a seat count among the unknown peers.
         """
         return {
             "sessions": [*self._ended, *(self._report(context) for context in self.contexts if context.seated)],
             "never_used": self.never_used,
-            "throttled": self.throttled,
-            "unkeyed": self.unkeyed,
+            "throttled": self.hello_filter.throttled,
+            "unkeyed": self.hello_filter.unkeyed,
             "step_times": self.times.report(),
             "unknown_peers": self.unknown_peers.report(),
             "to_unknown_peers": self.to_unknown_peers.report(),
@@ -236,11 +225,11 @@ class SlaveNode:
     def _report(self, context: SlaveContext) -> dict[str, Any]:
         return {"address": self._write_address(context.address), **context.report()}
 
-    def _take_in(self, data: bytes, address: Address, now_us: int) -> None:
+    def _receive(self, data: bytes, address: Address, now_us: int) -> None:
         account = self.unknown_peers
         try:
             datagram = unpack(data)
-            context = self._stations.get(datagram.session)
+            context = self._contexts.get(datagram.session)
             if context is None:
                 if datagram.kind is Kind.HELLO:
                     self._receive_hello(datagram, len(data), address, now_us)
@@ -248,10 +237,11 @@ class SlaveNode:
                     self._receive_stray(datagram, len(data), address)
                 return
             session = context.session
-            if datagram.version != session.version or (context.address != address and session.seal is None):
-                self._receive_stray(datagram, len(data), address)
-                return
-            if datagram.kind is not Kind.POSITION and datagram.kind is not Kind.CLOSE:  # no master sends these
+            if (
+                datagram.version != session.version
+                or (context.address != address and session.seal is None)
+                or (datagram.kind is not Kind.POSITION and datagram.kind is not Kind.CLOSE)  # no master sends these
+            ):
                 self._receive_stray(datagram, len(data), address)
                 return
             account = session.received
@@ -289,7 +279,7 @@ class SlaveNode:
             return False
         besides = () if context.continues is None else (context.continues,)
         try:
-            gives_way = self._seats.eviction_candidate(context.identity, context.seats, besides, now_us)
+            gives_way = self._table.eviction_candidate(context.identity, context.seats, besides, now_us)
         except NoSeatError as error:
             self._end(context, str(error), now_us, code=Code.FULL)
             return False
@@ -298,63 +288,61 @@ class SlaveNode:
         if context.continues is not None and context.continues.session.state is SlaveState.OPEN:
             context.inherit(context.continues)
             self._forget(context.continues, Trigger.CONTINUED, "its master goes on in a new session")
-        self._seats.seat(context)
+        self._table.seat(context)
         self._forget_greeting(context)  # its master has the WELCOME: who repeats the HELLO now is somebody else
         self._events.append(MasterJoined(context))
         return True
 
     def _scene_is_taken(self, context: SlaveContext, now_us: int) -> bool:
         """Return whether, since its HELLO, another master uses the scene again that a session was to continue."""
-        for other in self._seats.users_of(context.scene):
+        for other in self._table.users_of(context.scene):
             silent = other.session.silent_us(now_us) > self._settings.session.stale_after_us
             if other is not context.continues or not (silent or context.same_clock):
                 return True
         return False
 
     def _receive_hello(self, datagram: Datagram, size: int, address: Address, now_us: int) -> None:
+        admitted = None
         try:
-            self._greet(datagram, size, address, now_us)
+            greeted = self.hello_filter.greet(datagram, size, address, now_us)
+            if isinstance(greeted, Hello):
+                # A HELLO repeated after a lost answer gets the same answer.
+                known = self._welcomes.get((address, greeted.nonce))
+                admitted = known or self._admit(datagram, greeted, address, now_us)
         except PeerError as error:
             self.unread_hello = clipped(str(error), REASON_BYTES), address
             raise
-
-    def _greet(self, datagram: Datagram, size: int, address: Address, now_us: int) -> None:
-        greeted = self._hello_filter.greet(datagram, size, address, now_us)
-        if isinstance(greeted, Hello):
-            # A HELLO repeated after a lost answer gets the same answer.
-            known = self._welcomes.get((address, greeted.nonce))
-            admitted = known or self._admit(datagram, greeted, address, now_us)
-            if admitted is not None:
-                context, welcome = admitted
-                context.session.account_hello(size, len(welcome), now_us)
-                self._outbox.append((welcome, address))
-                return
+        if admitted is not None:
+            context, welcome = admitted
+            context.session.account_hello(size, len(welcome), now_us)
+            self._outbox.append((welcome, address))
+            return
         self.unknown_peers.add(Kind.HELLO, size)
         if isinstance(greeted, bytes):
-            self._answer_stranger(greeted, address)
+            self._send_to_unknown(greeted, address)
 
     def _admit(
         self, datagram: Datagram, hello: Hello, address: Address, now_us: int
     ) -> tuple[SlaveContext, bytes] | None:
         """Read the request of a proved address; return the new session and its WELCOME, None if there is none."""
         host = self._host_of(address)
-        visitor = self._hello_filter.read(datagram, hello, address, host, now_us)
+        visitor = self.hello_filter.read(datagram, hello, address, host, now_us)
         if visitor is None:
             return None
         try:
-            context = self._admission.admit(visitor, datagram.sequence, address, host, self._seats, now_us)
+            context = self._admission.admit(visitor, datagram.sequence, address, host, self._table, now_us)
         except RefusalError as refusal:
-            self._answer_stranger(refusal.datagram(visitor, hello.nonce), address)
+            self._send_to_unknown(refusal.datagram(visitor, hello.nonce), address)
             name, public = visitor.request.name, visitor.public
             self._events.append(MasterRefused(name, address, public, refusal.code, str(refusal)))
             return None
         welcome = context.session.welcome(hello.nonce, *visitor.answer(context.grant))  # the last that can fail
-        surplus = self._seats.surplus_half_open(context.identity)
+        surplus = self._table.surplus_half_open(context.identity)
         if surplus is not None:
             self._forget(surplus, Trigger.REPLACED, "its place was needed")
         context.greeting = address, hello.nonce
         self._welcomes[context.greeting] = context, welcome
-        self._seats.add(context)
+        self._table.add(context)
         if context.continues is not None:
             context.continues.add_successor(context)
         return context, welcome
@@ -365,14 +353,9 @@ class SlaveNode:
         self.unknown_peers.stray += 1
         if datagram.kind is Kind.POSITION or datagram.kind is Kind.CLOSE:
             reset = pack(Kind.RESET, datagram.session, datagram.sequence, b"", datagram.version)
-            self._answer_stranger(reset, address)
+            self._send_to_unknown(reset, address)
 
-    def _expire(self, now_us: int) -> None:
-        """Forget sessions that have long been silent."""
-        for context in self._seats.expired(now_us):
-            self._forget(context, Trigger.IDLE, "nothing arrived from the master")
-
-    def _answer_stranger(self, data: bytes, address: Address) -> None:
+    def _send_to_unknown(self, data: bytes, address: Address) -> None:
         self.to_unknown_peers.add(unpack(data).kind, len(data))
         self._outbox.append((data, address))
 
@@ -385,14 +368,12 @@ class SlaveNode:
     def _tell_stop(self, now_us: int) -> None:
         """Tell some of the masters that the slave is to stop."""
         if not self._to_notify and now_us >= self._notify_us:
-            self._to_notify = [each for each in self._stations.values() if each.seated]
+            self._to_notify = [each for each in self._contexts.values() if each.seated]
             self._notify_us = now_us + NOTICE_EVERY_US
         now, self._to_notify = self._to_notify[:NOTICES_AT_ONCE], self._to_notify[NOTICES_AT_ONCE:]
         for context in now:
             if context.session.state is SlaveState.OPEN:
-                self._notify(
-                    context, "this slave is about to stop: end soon, or go on elsewhere", Code.STOPPING, now_us
-                )
+                self._notify(context, STOPPING, Code.STOPPING, now_us)
 
     def _notify(self, context: SlaveContext, reason: str, code: Code, now_us: int) -> None:
         """Tell a master something about its session, which goes on."""
@@ -408,7 +389,7 @@ class SlaveNode:
 
     def _remove(self, context: SlaveContext) -> None:
         """Remove a session that has ended."""
-        self._seats.remove(context)
+        self._table.remove(context)
         self._steps.forget(context)
         self._forget_greeting(context)
         if context.seated:

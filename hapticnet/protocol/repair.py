@@ -17,7 +17,7 @@ from collections import deque
 from typing import Final, NamedTuple
 
 from hapticnet.perception import WeberLaw
-from hapticnet.protocol.settings import RepairSettings
+from hapticnet.protocol.settings import SessionSettings
 from hapticnet.protocol.stats import NO_LOSS, Loss, datagrams_needed
 from hapticnet.protocol.wire import distance
 from hapticnet.samples import Vector
@@ -66,31 +66,19 @@ class Repair:
     expire. The timeout is that of RFC 6298: smoothed round trip plus four mean deviations, doubled at each expiry,
     within bounds that suit a stream that is acknowledged a thousand times a second.
 
-    `law`: the perceptual law of the person at the master.
-    `age_limit_us`, `keepalive_us`: silence [µs] after which the master lets go, and the longest silence without loss.
-    `idle_us`: the longest silence without loss while no force is felt; None: `keepalive_us`.
-    `ack_delay_us`: how long [µs] a master waits for a position that is due anyway before it acknowledges.
-    `now_us`: the time at which the session begins.
+    `law`: that of the person at the master.
+    `sparse`: whether positions are sent only when they matter, and acknowledgements with them.
     """
 
-    def __init__(
-        self,
-        settings: RepairSettings,
-        law: WeberLaw,
-        *,
-        age_limit_us: int,
-        keepalive_us: int,
-        now_us: int,
-        idle_us: int | None = None,
-        ack_delay_us: int = 0,
-    ) -> None:
-        self._idle_us = idle_us
-        self._ack_delay_us = ack_delay_us
-        self.keepalive_us = keepalive_us  # the longest silence at present [µs]
-        self._settings = settings
+    def __init__(self, settings: SessionSettings, law: WeberLaw, now_us: int, *, sparse: bool = False) -> None:
+        # the longest silence without loss while no force is felt; None: as while one is
+        self._idle_us = settings.idle_keepalive_us if sparse else None
+        self._ack_delay_us = settings.ack_delay_us if sparse else 0
+        self._longest_us = settings.sparse_keepalive_us if sparse else settings.keepalive_us
+        self.keepalive_us = self._longest_us  # the longest silence at present [µs]
+        self._settings = settings.repair
         self._law = law
-        self._age_limit_us = age_limit_us
-        self._longest_us = keepalive_us
+        self._age_limit_us = settings.stale_after_us  # silence after which the master lets go
         self._recovering = False
         self._sent: deque[Sent] = deque(maxlen=MOST_REMEMBERED)  # the oldest first
         self._since_us = 0  # since when the oldest is waited for
@@ -108,11 +96,11 @@ class Repair:
 
     @property
     def complete(self) -> bool:
-        """Whether each FORCE must need no earlier one, so that the first to arrive ends a loss."""
+        """Whether every FORCE must decode on its own, so that the first to arrive ends a loss."""
         return self._recovering or self._loss.share > self._settings.complete_above
 
     def sent(self, sequence: int, now_us: int, before: Vector | None) -> None:
-        """Record a FORCE; `before` is what is held where it does not arrive, None if that is as right."""
+        """Record a FORCE; `before` is what is held where it does not arrive, None if losing it does no harm."""
         if not self._sent:
             self._since_us = now_us
         self._sent.append(Sent(sequence, now_us, before))

@@ -78,17 +78,9 @@ class SlaveSession:
         self._bound: bytes | None = None  # what the master is to be told until it acknowledges that
         self._sent_since: int | None = None  # the first datagram that told it
         self._position_t_us = request.clock_us
-        self._heard_us = now_us
+        self.heard_us = now_us
         law = WeberLaw(weber_fraction=request.weber_fraction, floor_n=request.floor_n, multiplier=request.multiplier)
-        self._repair = Repair(
-            settings.repair,
-            law,
-            age_limit_us=settings.stale_after_us,
-            keepalive_us=settings.sparse_keepalive_us if sparse else settings.keepalive_us,
-            idle_us=settings.idle_keepalive_us if sparse else None,
-            now_us=now_us,
-            ack_delay_us=settings.ack_delay_us if sparse else 0,
-        )
+        self.repair = Repair(settings, law, now_us, sparse=sparse)
         self._policed = TokenBucket(POLICED_SHARE * rate_hz, max(32.0, POLICED_BURST_S * rate_hz))
 
     def welcome(self, nonce: int, answer: bytes, seal: Seal | None) -> bytes:
@@ -125,21 +117,22 @@ class SlaveSession:
             if not self._policed.take(now_us):  # after the copies are sorted out: a replay must not use up the rate
                 received.over_rate += 1
                 return None
-            clock_us = self._position_t_us  # as `masters_clock_us`, without two calls
-            if now_us > self._heard_us:
-                clock_us += now_us - self._heard_us
-            self._heard_us = now_us
+            # About what the master's clock shows now: time stamps wrap, and a silent session may be older.
+            clock_us = self._position_t_us
+            if now_us > self.heard_us:
+                clock_us += now_us - self.heard_us
+            self.heard_us = now_us
             if self.state is _HALF_OPEN:
                 self._move(Trigger.POSITION)
             self.in_step = False
             if newest is not None:
                 if self._sent_since is not None:
                     self._note_told(newest)
-                self._repair.acknowledged(newest, now_us)
+                self.repair.acknowledged(newest, now_us)
                 force = self._newest_force
                 self.in_step = force is not None and (newest == force or distance(newest, force) >= 0)
             if loss is not None:
-                self._repair.reported(loss, now_us)
+                self.repair.reported(loss, now_us)
             self._position_t_us = t_us = unwrap(t_us, clock_us)
             return t_us, place
         if datagram.kind is Kind.CLOSE:
@@ -156,44 +149,24 @@ class SlaveSession:
         """Count a HELLO for this half-open session and its WELCOME; it shows that the master is alive."""
         self.received.add(Kind.HELLO, size)
         self.sent.add(Kind.WELCOME, welcome_size)
-        self._heard_us = now_us
-
-    def repair_is_due(self, now_us: int, stimulus: Vector) -> bool:
-        """Return whether the present stimulus must be sent although the codec is silent (`protocol.repair`)."""
-        return self._repair.is_due(now_us, stimulus)
-
-    @property
-    def complete(self) -> bool:
-        """Whether each force must need no earlier one, because one may be lost."""
-        return self._repair.complete
+        self.heard_us = now_us
 
     def force(self, t_us: int, payload: bytes, now_us: int, *, before: Vector | None, repeated: bool = False) -> bytes:
         """Return a FORCE that answers the position of time `t_us`.
 
-        `before`: what is held if it is lost; None if that is as right.
-        `repeated`: whether a master that has the FORCE before needs this one not.
+        `before`: what is held if it is lost; None if losing it does no harm.
+        `repeated`: whether it is redundant if the previous FORCE arrived.
         """
         sequence = self._sequence
         if not repeated:
             self._newest_force = sequence
         datagram = self._datagram(Kind.FORCE, Force(wrap(t_us), payload, self._bound), now_us)
-        self._repair.sent(sequence, now_us, before)
+        self.repair.sent(sequence, now_us, before)
         return datagram
-
-    def spoke_lately(self, now_us: int) -> bool:
-        """Return whether no keepalive can be due, whatever is felt."""
-        return self._repair.spoke_lately(now_us)
-
-    def keepalive_is_due(self, now_us: int, *, idle: bool = False) -> bool:
-        """Return whether the master has gone without a datagram for the keepalive interval.
-
-        `idle`: no force is felt, so that the interval of a session with few positions is longer.
-        """
-        return self._repair.keepalive_is_due(now_us, idle=idle)
 
     def keepalive(self, t_us: int, now_us: int, *, held: Vector | None) -> bytes:
         """Return a KEEPALIVE that answers the position of time `t_us` and confirms what is held."""
-        self._repair.kept_alive(self._sequence, now_us, held, tells=self._bound is not None)
+        self.repair.kept_alive(self._sequence, now_us, held, tells=self._bound is not None)
         return self._datagram(Kind.KEEPALIVE, Keepalive(wrap(t_us), self._newest_force, self._bound), now_us)
 
     def tell(self, bound: bytes) -> None:
@@ -213,21 +186,11 @@ class SlaveSession:
         """Return a NOTICE."""
         return self._datagram(Kind.NOTICE, Notice(clipped(reason, REASON_BYTES), code), now_us)
 
-    def masters_clock_us(self, now_us: int) -> int:
-        """Return about what the master's clock shows now [µs], unwrapped."""
-        # Time stamps wrap after 71 minutes, and a silent session may be kept for longer.
-        return self._position_t_us + self.silent_us(now_us)
-
-    @property
-    def heard_us(self) -> int:
-        """When something last arrived [µs]."""
-        return self._heard_us
-
     def silent_us(self, now_us: int) -> int:
         """Return how long nothing has arrived [µs]."""
         heard_us = self.heard_us
         if now_us < heard_us:  # after a clock went back, silence counts from there
-            self._heard_us = heard_us = now_us
+            self.heard_us = heard_us = now_us
         return now_us - heard_us
 
     def expires_us(self) -> int:
@@ -241,11 +204,11 @@ class SlaveSession:
         self.end_reason = reason
 
     def _datagram(self, kind: Kind, message: Force | Keepalive | Close | Notice, now_us: int) -> bytes:
-        answers = not isinstance(message, Close | Notice)
         if isinstance(message, Close | Notice):
             body = pack_body(message)
         else:
             body = pack_answer(message)
+            self.repair.spoke(now_us)  # anything else does not show that positions arrive
             if self.has_news:
                 self._sent_since = self._sequence
         if self.seal is None:
@@ -253,8 +216,6 @@ class SlaveSession:
         else:
             datagram = self.seal.pack(kind, self.number, self._sequence, body)
         self._sequence = wrap(self._sequence + 1)
-        if answers:
-            self._repair.spoke(now_us)  # anything else does not show that positions arrive
         self.sent.add(kind, len(datagram))
         return datagram
 

@@ -189,7 +189,7 @@ class SlaveMetrics(Metrics[SlaveEvent]):
             "steps": totals["steps"],
             "draining": float(node.draining),
             "unknown_peers_datagrams": {"received": node.unknown_peers.packets, "sent": node.to_unknown_peers.packets},
-            "throttled": node.throttled,
+            "throttled": node.hello_filter.throttled,
         }
 
     def distributions(self) -> dict[str, Distribution | None]:

@@ -267,7 +267,7 @@ def test_a_chain_of_sessions_does_not_stay_in_memory(slave, sealed):
         last = master(slave, sealed, port, ticket=last.grant.ticket).work(SECOND * port)
     (context,) = slave.contexts
     assert context.continues is None
-    assert len(slave._stations) == 1
+    assert len(slave._contexts) == 1
     assert not slave._welcomes, "its master has the WELCOME"
     events_of(slave)
     slave.tick(24 * SECOND)  # the newest that ended would have expired by now

@@ -133,7 +133,7 @@ def test_a_thousand_masters_are_told_a_few_at_a_time():
             self.session, self.count = self, 0
 
     contexts = [Told() for _ in range(1000)]
-    slave._stations.update(enumerate(contexts))
+    slave._contexts.update(enumerate(contexts))
     most, now_us = [], 0
     slave._notify = lambda context, *_: setattr(context, "count", context.count + 1)
     for each in contexts:

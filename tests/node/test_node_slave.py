@@ -225,7 +225,7 @@ def test_what_the_slave_knew_of_ended_sessions_is_gone(sealed):
     for number in range(1, 200):
         master = HandMaster(slave, sealed=sealed, nonce=number).work(SECOND * number)
         master.say(Kind.CLOSE, 2, Close("done"), SECOND * number)
-    assert (slave._stations, slave._welcomes, slave._to_answer) == ({}, {}, [])
+    assert (slave._contexts, slave._welcomes, slave._to_answer) == ({}, {}, [])
 
 
 def test_a_position_that_is_refused_takes_no_seat_and_ends_no_session(sealed):

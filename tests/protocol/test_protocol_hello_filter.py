@@ -25,7 +25,7 @@ def of_version(version, nonce=5):
 
 def kept(slave):
     """Return how much a slave keeps for those that have no session."""
-    at = slave._hello_filter
+    at = slave.hello_filter
     return len(slave.contexts), len(slave._welcomes), len(at._spent), len(at._spent_before), len(at._hosts._buckets)
 
 

@@ -14,8 +14,8 @@ from hapticnet.protocol.repair import (
     REPORT_LASTS_US,
     SHORTEST_TIMEOUT_US,
     Repair,
-    RepairSettings,
 )
+from hapticnet.protocol.settings import RepairSettings, SessionSettings
 from hapticnet.protocol.stats import MEMORY, NO_LOSS, Loss, LossEstimate, datagrams_needed
 from hapticnet.protocol.wire import wrap
 
@@ -25,7 +25,7 @@ LAW = WeberLaw()
 
 
 def make_repair(**settings):
-    return Repair(RepairSettings(**settings), LAW, age_limit_us=200_000, keepalive_us=45_000, now_us=0)
+    return Repair(SessionSettings(repair=RepairSettings(**settings)), LAW, 0)
 
 
 def settled(round_trip_us=40_000, loss=None, **settings):
