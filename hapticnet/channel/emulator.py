@@ -47,19 +47,7 @@ class Emulator(Generic[T]):
     The fate of a packet depends only on the seed, the settings, its size and the packets pushed before it, not on when
     `due` is called. Each random effect has its own stream, so the same packets are lost whatever the jitter is. A time
     stamp earlier than the previous one is used as it is: the packet still waits for those it must not overtake, and for
-    a busy bottleneck.
-
-    Parameters
-    ----------
-    settings
-        Effects of the channel; those that are not set cost nothing.
-    rng
-        Random generator. Child streams are spawned from it; nothing is drawn from it.
-
-    Attributes
-    ----------
-    settings
-        Those used for packets that are pushed now.
+    a busy bottleneck. Child streams are spawned from `rng`; nothing is drawn from it.
     """
 
     __slots__ = (
@@ -139,17 +127,7 @@ class Emulator(Generic[T]):
         )
 
     def push(self, item: T, size_bytes: int, now_us: int) -> None:
-        """Send a packet.
-
-        Parameters
-        ----------
-        item
-            What `due` returns.
-        size_bytes
-            Size of the UDP payload.
-        now_us
-            Time of sending [µs].
-        """
+        """Send a packet with a UDP payload of so many bytes at a time [µs]; `due` returns the item."""
         self._accepted += 1
         self._accepted_bytes += size_bytes
         if self._plain:

@@ -7,15 +7,11 @@ The other numbers are typical of such links, for trying a system on a kind of ne
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
-from types import MappingProxyType
 from typing import Any, Final
 
 from hapticnet.channel.settings import (
     DEFAULT_HOLD_BACK_US,
-    BernoulliLoss,
     ChannelSettings,
-    GilbertElliottLoss,
-    Jitter,
     parse_jitter,
     parse_loss,
     parse_rate_bit_per_s,
@@ -54,76 +50,6 @@ HORIZON_HOP_MS: Final = (
 """278.1 ms: up and down with the satellite on the horizon at both ends."""
 
 
-@dataclass(frozen=True, slots=True)
-class Preset:
-    """A named network."""
-
-    settings: ChannelSettings
-    source: str  # source of its numbers
-
-
-PRESETS: Final[Mapping[str, Preset]] = MappingProxyType(
-    {
-        "perfect": Preset(ChannelSettings(), "nothing added, nothing lost"),
-        "lan": Preset(
-            ChannelSettings(
-                delay_us=200,
-                jitter=Jitter(distribution="normal", deviation_us=50),
-                rate_bit_per_s=1_000_000_000,
-            ),
-            "typical of switched gigabit Ethernet with a few switches and both hosts' network stacks; the rate is "
-            "1000BASE-T's",
-        ),
-        "wifi": Preset(
-            ChannelSettings(
-                delay_us=2_000,
-                jitter=Jitter(distribution="pareto", deviation_us=3_000),
-                loss=GilbertElliottLoss(p=0.004, r=0.4),
-                rate_bit_per_s=50_000_000,
-            ),
-            "typical of a shared home or office access point. Losses come in bursts of 2.5 packets, 1 % overall; "
-            "two states are a simplification: da Silva and Pedroso, Sensors 22 (2022) 8592, find them inadequate "
-            "for measured Wi-Fi losses. Order is kept because 802.11 receivers reorder",
-        ),
-        "4g": Preset(
-            ChannelSettings(
-                delay_us=20_000,
-                jitter=Jitter(distribution="normal", deviation_us=5_000),
-                loss=GilbertElliottLoss(p=0.001, r=0.5),
-                rate_bit_per_s=13_600_000,
-                queue_us=300_000,
-            ),
-            "rate and delay after Ofcom's measurements with smartphones in five UK towns, Q4 2014: mean upload "
-            "13.6 Mbit/s, mean round trip 53.1 ms (20 ms and a jitter of 6.6 ms on average, twice); spread of the "
-            "jitter, loss and queue typical",
-        ),
-        "transatlantic": Preset(
-            ChannelSettings(
-                delay_us=35_000,
-                jitter=Jitter(distribution="normal", deviation_us=500),
-                loss=BernoulliLoss(0.001),
-                rate_bit_per_s=100_000_000,
-            ),
-            f"London to New York: light in fibre along the great circle takes {FIBRE_FLOOR_MS:.1f} ms; the fastest "
-            "cable's tested round trip is 58.95 ms (Hibernia Express, 2015); 35 ms, jitter, loss and rate are "
-            "typical of routed internet paths",
-        ),
-        "satellite": Preset(
-            ChannelSettings(
-                delay_us=290_000,
-                jitter=Jitter(distribution="normal", deviation_us=8_000),
-                loss=GilbertElliottLoss(p=0.001, r=0.2),
-                rate_bit_per_s=5_000_000,
-                queue_us=300_000,
-            ),
-            f"geostationary: {OVERHEAD_HOP_MS:.1f} ms with the satellite overhead to {HORIZON_HOP_MS:.1f} ms on the "
-            "horizon, plus ground equipment, for the round trip of about 600 ms that Huston reports (APNIC, 2022); "
-            "jitter, loss, rate and queue typical",
-        ),
-    }
-)
-
-
 def parse_channel(spec: str) -> ChannelSettings:
     """Return the settings written as a preset, as parts separated by commas, or as a preset followed by parts.
 
@@ -137,7 +63,13 @@ def parse_channel(spec: str) -> ChannelSettings:
     parts = spec.lower().split(",")
     settings = ChannelSettings()
     if "=" not in parts[0]:
-        settings = _preset(parts.pop(0).strip())
+        preset = parts.pop(0).strip()
+        if preset not in PRESETS:
+            raise SettingsError(
+                f'channel: "{preset[:60]}" is not a preset; presets are {", ".join(PRESETS)}, '
+                "or write parts such as delay=20ms,loss=2%"
+            )
+        settings = PRESETS[preset].settings
     values: dict[str, str] = {}
     key = ""
     for part in parts:
@@ -158,15 +90,6 @@ def parse_channel(spec: str) -> ChannelSettings:
             except SettingsError as error:
                 raise SettingsError(f"channel: {key}={values[key][:60]}: {error}") from error
     return settings
-
-
-def _preset(name: str) -> ChannelSettings:
-    if name not in PRESETS:
-        raise SettingsError(
-            f'channel: "{name[:60]}" is not a preset; presets are {", ".join(PRESETS)}, '
-            "or write parts such as delay=20ms,loss=2%"
-        )
-    return PRESETS[name].settings
 
 
 def _order(settings: ChannelSettings, text: str) -> dict[str, Any]:
@@ -202,3 +125,45 @@ _PARTS: Final[Mapping[str, Callable[[ChannelSettings, str], dict[str, Any]]]] = 
     "queue": _part("queue_us", parse_time_us),
 }
 """The parts of a specification in the order they take effect, each with its change of the settings."""
+
+
+@dataclass(frozen=True, slots=True)
+class Preset:
+    """A named network."""
+
+    settings: ChannelSettings
+    source: str  # where its numbers come from
+
+
+PRESETS: Final[Mapping[str, Preset]] = {
+    "perfect": Preset(_DEFAULTS, "nothing added, nothing lost"),
+    "lan": Preset(
+        parse_channel("delay=200us,jitter=normal:50us,rate=1Gbit/s"),
+        "typical of switched gigabit Ethernet with a few switches and both hosts' network stacks; the rate is "
+        "1000BASE-T's",
+    ),
+    "wifi": Preset(
+        parse_channel("delay=2ms,jitter=pareto:3ms,loss=gilbert:0.4%,40%,rate=50Mbit/s"),
+        "typical of a shared home or office access point. Losses come in bursts of 2.5 packets, 1 % overall; "
+        "two states are a simplification: da Silva and Pedroso, Sensors 22 (2022) 8592, find them inadequate "
+        "for measured Wi-Fi losses. Order is kept because 802.11 receivers reorder",
+    ),
+    "4g": Preset(
+        parse_channel("delay=20ms,jitter=normal:5ms,loss=gilbert:0.1%,50%,rate=13600kbit/s,queue=300ms"),
+        "rate and delay after Ofcom's measurements with smartphones in five UK towns, Q4 2014: mean upload "
+        "13.6 Mbit/s, mean round trip 53.1 ms (20 ms and a jitter of 6.6 ms on average, twice); spread of the "
+        "jitter, loss and queue typical",
+    ),
+    "transatlantic": Preset(
+        parse_channel("delay=35ms,jitter=normal:500us,loss=0.1%,rate=100Mbit/s"),
+        f"London to New York: light in fibre along the great circle takes {FIBRE_FLOOR_MS:.1f} ms; the fastest "
+        "cable's tested round trip is 58.95 ms (Hibernia Express, 2015); 35 ms, jitter, loss and rate are "
+        "typical of routed internet paths",
+    ),
+    "satellite": Preset(
+        parse_channel("delay=290ms,jitter=normal:8ms,loss=gilbert:0.1%,20%,rate=5Mbit/s,queue=300ms"),
+        f"geostationary: {OVERHEAD_HOP_MS:.1f} ms with the satellite overhead to {HORIZON_HOP_MS:.1f} ms on the "
+        "horizon, plus ground equipment, for the round trip of about 600 ms that Huston reports (APNIC, 2022); "
+        "jitter, loss, rate and queue typical",
+    ),
+}

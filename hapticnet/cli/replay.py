@@ -112,13 +112,13 @@ def _slave(given: ReplayOptions, motion: "Motion") -> "Iterator[str]":
     from hapticnet.codec.registry import split_codec
     from hapticnet.errors import SettingsError
     from hapticnet.runtime.processes import Child
-    from hapticnet.scene.recorded import RecordedForce
+    from hapticnet.scene.sources import RecordedSource
 
     if given.connect is not None:
         yield given.connect
         return
     file, column = given.file, given.force_column
-    force = RecordedForce(file, columns=column)
+    force = RecordedSource(file, column)
     axes = motion.position.shape[1]
     if force.axes != axes:
         raise SettingsError(

@@ -31,11 +31,9 @@ class Encoder(Protocol):
             When the stimulus is not finite, would be sent and is out of range, or has other axes; or a position that
             the rule uses is or has. The encoder then goes on as if the sample had not come.
         """
-        ...
 
     def refresh(self) -> None:
         """Make the next stimulus a transmitted one, because the last update is believed lost."""
-        ...
 
 
 class Decoder(Protocol):
@@ -50,7 +48,6 @@ class Decoder(Protocol):
             If the payload is not one of this codec's, or its values are not finite or out of range. The state
             is then unchanged.
         """
-        ...
 
     def reconstruct(self, t_us: int, position: Vector | None = None, position_us: int | None = None) -> Vector:
         """Return the stimulus to apply at time `t_us`, finite; zeros before the first payload.
@@ -72,7 +69,6 @@ class Decoder(Protocol):
         SampleError
             If a position that the rule uses is not finite, out of range or has other axes.
         """
-        ...
 
 
 @runtime_checkable
@@ -91,7 +87,6 @@ class Predictive(Protocol):
         position_us
             When it is expected there [µs].
         """
-        ...
 
 
 CLASS_VARIABLES: Final = ("name", "needs_position", "builds_on_earlier", "receiver_has_tables", "steps")
@@ -130,12 +125,9 @@ class Codec(Protocol):
     @property
     def law(self) -> WeberLaw:
         """The perceptual law of the person at the master."""
-        ...
 
     def encoder(self, axes: int) -> Encoder:
         """Return a new encoder for stimuli of 1 to 3 axes."""
-        ...
 
     def decoder(self, axes: int) -> Decoder:
         """Return a new decoder for stimuli of 1 to 3 axes."""
-        ...

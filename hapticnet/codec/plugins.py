@@ -48,16 +48,9 @@ def installed_codecs() -> dict[str, EntryPoint]:
 
 
 def checked_class(found: Any, source: str) -> type[Any]:
-    """Test a user's codec class; return it with its exceptions turned into errors of hapticnet.
+    """Test a class (docs/refer/api.md lists what it must define); return it with its exceptions turned into ours.
 
-    Raise SettingsError if the class is not a codec or fails the test; the message says why.
-
-    Parameters
-    ----------
-    found
-        The class; docs/refer/api.md lists what it must define.
-    source
-        Where it is defined, as ``FILE.py:Class`` or ``package.module:Class``.
+    Raise SettingsError if the class is not a codec or fails the test; the message says why and names `source`.
     """
     parameters = getattr(found, "__dataclass_params__", None)
     if parameters is None or not parameters.frozen:

@@ -21,15 +21,13 @@ from typing import Final, NamedTuple, TypeAlias
 
 import numpy as np
 
-from hapticnet.codec.values import SINGLE
+from hapticnet.codec.values import HALF, SINGLE
 from hapticnet.errors import PeerError
 from hapticnet.perception import WeberLaw
 from hapticnet.rounding import as_half
 from hapticnet.samples import LARGEST_COMPONENT, MAX_AXES, Vector, checked_vector
 from hapticnet.stiffness_bound import LONGEST_SILENCE_US, StiffnessBound
 from hapticnet.vectors import along, distance, in_range, limited, magnitude, minus, over, single, times
-
-HALF: Final[Mapping[int, struct.Struct]] = {axes: struct.Struct(f">{axes}e") for axes in range(1, MAX_AXES + 1)}
 
 FASTEST_M_PER_S: Final = 10.0
 """Largest velocity of a line on an axis: several times that of a hand (as in `scene.settings`)."""
@@ -151,11 +149,6 @@ def _rounded(x: float, toward: float) -> float:
     return float(single)
 
 
-def box_around(position_m: Vector, radius_m: float) -> tuple[Vector, Vector]:
-    """Return the sides of a box that reaches as far from a position on each axis [m]."""
-    return tuple(x - radius_m for x in position_m), tuple(x + radius_m for x in position_m)
-
-
 WINDOW_US: Final = 12_000
 """The velocity of a line is that of the newest samples, this long [µs]."""
 
@@ -186,12 +179,7 @@ class Reasons:
 class PositionSender:
     """Decide at each tick whether to send the position, and with which velocity.
 
-    Parameters
-    ----------
-    law
-        The whole JND of the person; `share` of it is for positions, the rest for the feedback codec.
-    share
-        0 to 1.
+    `share` (0 to 1) of the JND of `law` is for positions, the rest for the feedback codec.
     """
 
     law: WeberLaw
@@ -223,20 +211,11 @@ class PositionSender:
         wanted: bool = False,
         difference: Difference | None = None,
     ) -> bytes | None:
-        """Return the payload of a position to send now; None if the slave's line is good enough.
+        """Return the payload of a position [m] at a time [µs] to send now; None if the slave's line is good enough.
 
+        The JND is that of the force applied [N]. If `wanted`, send in any case, for instance to acknowledge a force.
+        For decoders that know the position, the slave judges what they apply at the places on the line: `difference`.
         Raise SampleError if the position is not finite or out of range.
-
-        Parameters
-        ----------
-        t_us
-            Time of the position [µs].
-        applied_n
-            Magnitude of the force that is applied [N], for the JND.
-        wanted
-            Whether to send in any case, for instance to acknowledge a force.
-        difference
-            For decoders that know the position: the slave judges what they apply at the places on the line.
         """
         x = single(checked_vector(position_m, "position"))
         samples = self._samples

@@ -43,19 +43,9 @@ LARGEST_TIME_US: Final = 2**61
 def encode_array(codec: Codec, t_us: IntArray, stimuli: FloatArray, positions: FloatArray | None = None) -> Encoding:
     """Encode and decode a recording as slave and master do if nothing is lost.
 
-    Raise SampleError if the shapes do not fit, or a stimulus, or a position that the codec uses, is not finite or out
-    of range.
-
-    Parameters
-    ----------
-    codec
-        Any codec.
-    t_us
-        Time stamps [µs], shape (n,).
-    stimuli
-        Stimuli [N], shape (n, a) with 1 ≤ a ≤ 3, or (n,).
-    positions
-        Positions of the tool [m], same shape, if they are known.
+    Times [µs] have the shape (n,), stimuli [N] and positions [m], if they are known, the shape (n, a) with 1 ≤ a ≤ 3,
+    or (n,). Raise SampleError if the shapes do not fit, or a stimulus, or a position that the codec uses, is not finite
+    or out of range.
     """
     stimuli, t_us, positions = _checked(t_us, stimuli, positions)
     if is_made_of_steps(codec) and is_long(t_us):
@@ -108,15 +98,9 @@ def encode_lossy(
 ) -> tuple[Encoding, IntArray]:
     """Encode and decode a recording over a channel that loses updates; also return which of those sent arrived.
 
-    Parameters
-    ----------
-    loss
-        Share of updates lost, each at random (0 to 1).
-    repair_us
-        A lost update, or one that the decoder refuses, is replaced by the first stimulus at least this much later
-        [µs], unless a later update has arrived, as a session does after about a round trip. None: never.
-    rng
-        Draws which updates are lost.
+    A share `loss` (0 to 1) of the updates is lost at random. One that is lost, or that the decoder refuses, is replaced
+    by the first stimulus at least `repair_us` later, unless a later update has arrived, as a session does after about a
+    round trip; None: never.
     """
     stimuli, t_us, positions = _checked(t_us, stimuli, positions)
     encoder, decoder = codec.encoder(stimuli.shape[1]), codec.decoder(stimuli.shape[1])

@@ -73,14 +73,13 @@ def no_interval(rule: Any, sender: Any) -> tuple[float, float]:
 class Steps(NamedTuple):
     """The functions that define a scheme. `rule` holds its numbers."""
 
-    # ``(rule, axes) -> state``
-    start_sender: Callable[..., Any]
+    start_sender: Callable[..., Any]  # ``(rule, axes) -> state``
     # ``(rule, sender, t_us, x) -> bool``: whether x need not be sent. False if x is not finite.
     is_silent: Callable[..., bool]
     send: Callable[..., tuple[Any, Any]]  # ``(rule, sender, t_us, x, past) -> (message, sender)``
     # ``(sender) -> sender``: a state that sends the next stimulus, after an update is believed lost. Never compiled.
     refreshed: Callable[..., Any]
-    start_receiver: Callable[..., Any]
+    start_receiver: Callable[..., Any]  # ``(rule, axes) -> state``
     receive: Callable[..., Any]  # ``(rule, receiver, t_us, message) -> receiver``
     apply: Callable[..., Vector]  # ``(rule, receiver, t_us) -> x``
     payload_bytes: Callable[..., int]  # ``(rule, message) -> int``: size of the payload [B]
@@ -107,11 +106,9 @@ class Form(Protocol):
 
     def pack(self, message: Any) -> bytes:
         """Return the payload of a message."""
-        ...
 
     def unpack(self, payload: bytes, receiver: Any) -> Any:
         """Return the message in a payload for a receiver in some state; PeerError if `pack` cannot have made it."""
-        ...
 
 
 def hold_nothing(rule: Any, axes: int) -> Vector:

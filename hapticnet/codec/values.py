@@ -22,6 +22,7 @@ from hapticnet.rounding import nearest
 from hapticnet.samples import LARGEST_COMPONENT, MAX_AXES, Vector
 from hapticnet.vectors import distance, magnitude, single
 
+HALF: Final[Mapping[int, struct.Struct]] = {axes: struct.Struct(f">{axes}e") for axes in range(1, MAX_AXES + 1)}
 COUNT: Final[Mapping[int, struct.Struct]] = {axes: struct.Struct(f">{axes}h") for axes in range(1, MAX_AXES + 1)}
 SINGLE: Final[Mapping[int, struct.Struct]] = {axes: struct.Struct(f">{axes}f") for axes in range(1, MAX_AXES + 1)}
 DOUBLE: Final[Mapping[int, struct.Struct]] = {axes: struct.Struct(f">{axes}d") for axes in range(1, MAX_AXES + 1)}
@@ -44,12 +45,10 @@ class LawNumbers(Protocol):
     @property
     def weber(self) -> float:
         """Threshold as a fraction of the reference."""
-        ...
 
     @property
     def floor(self) -> float:
         """Smallest threshold [N]."""
-        ...
 
 
 class ValueNumbers(LawNumbers, Protocol):
@@ -58,7 +57,6 @@ class ValueNumbers(LawNumbers, Protocol):
     @property
     def step(self) -> float:
         """Size of a count [N]; 0: no counts."""
-        ...
 
 
 class ValueRule(NamedTuple):
@@ -127,17 +125,7 @@ def counted(x: Vector, step: float) -> Vector:
 
 
 class ValueForm:
-    """Messages ``(form, value)`` as bytes. Satisfies `Form`.
-
-    Parameters
-    ----------
-    axes
-        Components of a stimulus, 1 to 3.
-    step_n
-        Size of a count [N]; 0: no counts.
-    wide
-        Whether there is a float64 form.
-    """
+    """Messages ``(form, value)`` as bytes; counts unless `step_n` is 0, and float64 if `wide`. Satisfies `Form`."""
 
     __slots__ = ("_packers", "_readers", "_step_n", "axes")
 

@@ -89,17 +89,9 @@ class SensorWatch:
     ) -> str | None:
         """Return a description of a sensor fault, or None; call once per control period, before learning.
 
-        Parameters
-        ----------
-        touching
-            Whether the sensor detects a touch; if not, the finger may simply be gone.
-        sensed_n, stood_m
-            Sensed force [N] and position of the platform [m].
-        compliance_m_n
-            Estimated compliance [m/N]. A stuck sensor corrupts the estimate, so the one from the last change of the
-            reading is used.
-        spread_n
-            Range (largest less smallest) of the readings [N] within the period.
+        If the sensor detects no touch, the finger may simply be gone. A stuck sensor corrupts the estimated compliance,
+        so the one from the last change of the reading is used. `spread_n` is the range of the readings [N] within the
+        period.
         """
         jump_n = sensed_n - self._newest_n
         reverses = abs(jump_n) > JUMP_N and abs(self._jump_n) > JUMP_N and jump_n * self._jump_n < 0.0
@@ -191,17 +183,10 @@ class ForceController:
         It changes once per control period, and at once when the force to press with falls by `early_n`, or, where it
         is predicted, rises by that.
 
-        Parameters
-        ----------
-        target_n
-            Target force [N]; a value that is not finite and positive counts as 0.
-        sensed_n, stood_m
-            The newest reading [N] and the position [m] of the platform when it was taken. A reading that is not finite
-            or is out of range resets the controller, which retracts the platform.
-        now_us
-            Current time [µs].
-        ahead_n
-            Target [N] expected `foresight_s` from now, to which the platform already moves; None: unknown.
+        A target [N] that is not finite and positive counts as 0. The platform was at `stood_m` when the reading
+        `sensed_n` was taken; a reading that is not finite or is out of range resets the controller, which retracts the
+        platform. `ahead_n` is the target expected `foresight_s` from now, to which the platform already moves; None:
+        unknown.
         """
         if not -LARGEST_COMPONENT < sensed_n < LARGEST_COMPONENT or not -1.0 < stood_m < 1.0:
             self.reset()

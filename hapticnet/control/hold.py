@@ -121,13 +121,6 @@ class Hold:
 
     Age is the sum of the forward differences of the time stamps, so a clock that jumps backward never makes a stimulus
     younger, and one that jumps forward makes it stale.
-
-    Parameters
-    ----------
-    settings
-        Timings.
-    axes
-        Number of axes of a stimulus.
     """
 
     __slots__ = (
@@ -156,13 +149,7 @@ class Hold:
         self._elapsed_us = 0  # time since then, of which the force may make use to rise
 
     def receive(self, force_n: Vector, now_us: int) -> None:
-        """Hold a new stimulus [N], already decoded.
-
-        Raises
-        ------
-        SampleError
-            If it is not finite or has the wrong number of axes. Decoders reject such stimuli first.
-        """
+        """Hold a new stimulus [N], already decoded; raise SampleError if it is not finite or has other axes."""
         # A passive codec may exceed the range of stimuli by a threshold; the limiter that follows bounds the force.
         if not all(map(math.isfinite, force_n)):
             raise SampleError(f"held force is {force_n}; it must be finite")
@@ -249,17 +236,10 @@ SMALLEST_SQUARE_M2: Final = 1e-18
 
 
 class PassivityController:
-    """Observer and controller of one port.
+    """Observer and controller of one port; there is contact above a force of `contact_n` [N].
 
     Every contact has an account of its own, which begins at zero: else the energy that a breach takes up would pay for
     what is created later.
-
-    Parameters
-    ----------
-    axes
-        Number of axes.
-    contact_n
-        Force [N] above which there is contact.
     """
 
     __slots__ = ("_applied_n", "_position_m", "_zero_n", "contact_n", "damped_j", "energy_j")
@@ -277,13 +257,6 @@ class PassivityController:
 
         It is `force_n`, plus damping along the motion if the account would become negative with another movement like
         the last one. Damping never exceeds the force: it neither turns it round nor more than doubles it.
-
-        Parameters
-        ----------
-        force_n
-            Force [N], positive when it pushes the tool out.
-        position_m
-            Position of the tool [m], which grows inward.
         """
         before_m, self._position_m = self._position_m, position_m
         if before_m is None:

@@ -18,24 +18,13 @@ class Operator(Protocol):
     @property
     def axes(self) -> int:
         """Number of axes of a position."""
-        ...
 
     @property
     def duration_us(self) -> int | None:
         """Duration of the motion [µs], or None if it is endless."""
-        ...
 
     def sample(self, t_us: int) -> PositionSample:
         """Return the position of the tool at `t_us` [µs] from the start of the motion."""
-        ...
-
-
-class FeelingOperator(Operator, Protocol):
-    """An operator that is told the force."""
-
-    def feel(self, t_us: int, force_n: Vector) -> None:
-        """Take the force [N] that is held at `t_us` [µs] from the start of the motion."""
-        ...
 
 
 class HasSample(Protocol):
@@ -43,7 +32,6 @@ class HasSample(Protocol):
 
     def sample(self, t_us: int, /) -> PositionSample | float | Sequence[float]:
         """Return the position [m] of the tool at a time [µs] since the start. It must not wait."""
-        ...
 
 
 class UserOperator:

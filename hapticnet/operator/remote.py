@@ -112,20 +112,6 @@ class RemoteOperator:
     The tool is where the newest position says, without smoothing. Before the first position it rests at 0, and when
     none comes any more it stays where it is. After `WITHDRAW_AFTER_US` it moves back along the first axis to 0, at
     `APPROACH_M_S`; at the same speed it moves to the first position of a sender and to the first one after a silence.
-
-    Parameters
-    ----------
-    axes
-        Coordinates of a position, 1 to 3.
-
-    Attributes
-    ----------
-    positions, malformed, unknown_peers
-        Datagrams that were positions, that were not, and that came while another sender moved the tool.
-    silences
-        How often the tool was withdrawn because the sender was silent.
-    answers
-        Forces sent back.
     """
 
     duration_us = None
@@ -133,6 +119,8 @@ class RemoteOperator:
     def __init__(self, axes: int = 1) -> None:
         check_integer("axes of the operator", axes, 1, MAX_AXES)
         self.axes = axes
+        # Datagrams that were positions, that were not, and that came while another sender moved the tool; withdrawals
+        # because the sender was silent; forces sent back
         self.positions = self.malformed = self.unknown_peers = self.silences = self.answers = 0
         self._sender: Hashable = None
         self._form = ARRAY

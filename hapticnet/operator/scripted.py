@@ -80,13 +80,6 @@ class ScriptedOperator:
     Neuroscience 5, 1985): ``x₀ + (x₁ − x₀)(10τ³ − 15τ⁴ + 6τ⁵)``, with τ the elapsed share of its duration. Tremor is a
     sum of sinusoids of equal amplitude, each with a random phase and a random frequency in its own part of the band, so
     the position is a function of time alone, the same at any sampling rate.
-
-    Parameters
-    ----------
-    settings
-        Motion of the insertions.
-    rng
-        Source of the variation between insertions and of the tremor.
     """
 
     __slots__ = ("_amplitude_m", "_ends_us", "_phases", "_rest", "_waves", "axes", "duration_us")
@@ -210,15 +203,7 @@ class PalpationSettings:
 
 
 class PalpatingOperator:
-    """Scripted palpation: minimum-jerk movements, pauses and tremor, as `operator.scripted.ScriptedOperator` has.
-
-    Parameters
-    ----------
-    settings
-        Motion of the palpations.
-    rng
-        Source of directions, variation and tremor.
-    """
+    """Scripted palpation: minimum-jerk movements, pauses and tremor, as `operator.scripted.ScriptedOperator` has."""
 
     __slots__ = ("_amplitude_m", "_ends_us", "_phases", "_rest", "_waves", "axes", "duration_us")
 

@@ -14,17 +14,10 @@ from hapticnet.samples import LARGEST_COMPONENT, MAX_AXES, PositionSample, Vecto
 class TraceOperator:
     """A recorded motion, interpolated linearly between its samples.
 
-    Raise SampleError if there are fewer than two samples, a position is not finite or out of range, or time does not
+    Times [µs] have the shape (n,) with n ≥ 2 and increase; playback starts at the first one. Positions [m] have the
+    shape (n, axes). A `loop` jumps from the last to the first position; otherwise the last position is held. Raise
+    SampleError if there are fewer than two samples, a position is not finite or out of range, or time does not
     increase.
-
-    Parameters
-    ----------
-    t_us
-        Times of the samples [µs], shape (n,) with n ≥ 2, strictly increasing. Playback starts at the first one.
-    position_m
-        Positions [m], shape (n, axes).
-    loop
-        Whether to repeat the trace; it jumps from its last to its first position. Otherwise the last position is held.
     """
 
     __slots__ = ("_period_us", "_positions_m", "_times_us", "axes", "duration_us")
@@ -71,19 +64,11 @@ class TraceOperator:
 def load_trace(
     path: Path, *, position: Columns | None = None, loop: bool = False
 ) -> tuple[TraceOperator, tuple[str, ...]]:
-    """Return the motion recorded in a file, and notes for the user.
+    """Return the motion in a file that `load_motion` reads, such as a recording of hapticnet, and notes for the user.
 
-    Raise FileError if the file cannot be read or its motion cannot be played, SettingsError if more than three
-    columns are chosen, and UnavailableError if the package that reads this kind of file is not installed.
-
-    Parameters
-    ----------
-    path
-        Any file that `recordings.loading.load_motion` reads, hapticnet's own recordings included.
-    position
-        One to three position columns; None: those called position, or the only column that is not time.
-    loop
-        Whether to repeat the trace.
+    `position` names one to three columns; None: those called position, or the only column that is not time. Raise
+    FileError if the file cannot be read or its motion cannot be played, SettingsError if more than three columns are
+    chosen, and UnavailableError if the package that reads this kind of file is not installed.
     """
     motion = load_motion(path, position=position)
     try:

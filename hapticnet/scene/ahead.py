@@ -127,16 +127,9 @@ _MAY_BE_ZERO: Final = {"viscosity_n_s_per_m", "stiffening_per_m", "friction_n", 
 
 
 class ContactModel:
-    """Layers and a tool.
+    """Layers, in the state that they have at the first position [m], and a tool.
 
-    Parameters
-    ----------
-    layers
-        The layers in the state that they have at the first position.
-    t_us, position_m
-        The first position [m] and its time [µs].
-    before
-        The position before it with its time, if any: the speed of the tool is the difference.
+    `before` is the position before the first one with its time [µs], if any: the speed of the tool is the difference.
     """
 
     __slots__ = ("_layers", "_position_m", "_t_us", "_velocity_m_per_s", "_zero_n", "force_n")

@@ -27,12 +27,10 @@ class Touchable(Protocol):
     @property
     def axes(self) -> int:
         """Number of axes of positions and forces."""
-        ...
 
     @property
     def name(self) -> str:
         """Name in messages and reports, at most 64 bytes."""
-        ...
 
     def step(self, sample: PositionSample) -> ForceSample:
         """Return the force at a position, positive when it pushes the operator out.
@@ -40,7 +38,6 @@ class Touchable(Protocol):
         Called for each position, in order of time, within the time of a tick: it must not wait. A SampleError refuses a
         position, which is counted; any other exception ends or pauses the session.
         """
-        ...
 
 
 def look_ahead_of(scene: Touchable) -> LookAhead | None:
@@ -69,7 +66,6 @@ class HasStep(Protocol):
 
     def step(self, sample: PositionSample, /) -> ForceSample | float | Sequence[float]:
         """Return the force [N] at a position, positive when it pushes the tool out. It must not wait."""
-        ...
 
 
 class UserScene:

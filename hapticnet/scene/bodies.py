@@ -18,7 +18,7 @@ tool that turns it approaches the exact path in proportion to the step.
 
 import math
 from collections.abc import Sequence
-from typing import Final, NamedTuple, TypeAlias
+from typing import Final, TypeAlias
 
 from hapticnet.checks import axes_of
 from hapticnet.errors import SampleError
@@ -29,14 +29,6 @@ from hapticnet.vectors import along, distance, dot, magnitude, minus, moved, ove
 
 NEAR_M: Final = 1e-12
 """Distance [m] below which a direction is not computed from a difference of two points."""
-
-
-class Tangent(NamedTuple):
-    """A body near a position, as a plane: the force is stiffness · max(0, inward · position − offset) · inward."""
-
-    inward: Vector  # unit normal into the body
-    offset_m: float  # distance of the plane from the origin along the normal [m]
-    stiffness_n_per_m: float  # force per depth [N/m]
 
 
 class FlatSurface:
@@ -200,12 +192,6 @@ class Touch:
             return self._damped(force_n, minus(tool_m, stretch), velocity_m_per_s)
         return force_n
 
-    def tangent(self, tool_m: Vector) -> Tangent:
-        """Return the plane that touches the body where it is nearest to the tool."""
-        point_m = self._surface.nearest(tool_m)
-        inward = self._surface.inward(point_m)
-        return Tangent(inward, dot(inward, point_m), self.body.stiffness_n_per_m)
-
     def _damped(self, force_n: Vector, held_m: Vector, velocity_m_per_s: Vector) -> Vector:
         """Add viscosity; along the normal no further than to zero, so that the surface never holds the tool back."""
         inward = self._surface.inward(held_m)
@@ -216,12 +202,13 @@ class Touch:
 
     def ahead(self, tool_m: Vector) -> LayerAhead:
         """Return the body as it is announced to a tool at a position [m]: as its tangent plane."""
-        plane = self.tangent(tool_m)
+        body, point_m = self.body, self._surface.nearest(tool_m)
+        inward = self._surface.inward(point_m)
         return LayerAhead(
-            plane.offset_m,
-            plane.stiffness_n_per_m,
-            viscosity_n_s_per_m=self.body.viscosity_n_s_per_m,
-            normal=plane.inward,
+            dot(inward, point_m),
+            body.stiffness_n_per_m,
+            viscosity_n_s_per_m=body.viscosity_n_s_per_m,
+            normal=inward,
         )
 
 
@@ -232,13 +219,6 @@ class BodyScene:
     velocity is then zero.
 
     Raise SettingsError if there is no body, or bodies differ in their axes.
-
-    Parameters
-    ----------
-    bodies
-        Planes and spheres with as many axes.
-    name
-        Name of the scene.
     """
 
     def __init__(self, bodies: Sequence[AnyBody], *, name: str = "scene") -> None:
@@ -280,10 +260,6 @@ class BodyScene:
     def depths_m(self) -> tuple[float, ...]:
         """Return how deep [m] the tool is in each body; negative outside."""
         return tuple(touch.depth_m for touch in self._touches)
-
-    def tangents(self, position_m: Vector) -> tuple[Tangent, ...]:
-        """Return each body near a position [m] as a plane."""
-        return tuple(touch.tangent(position_m) for touch in self._touches)
 
     def ahead(self) -> tuple[LayerAhead, ...]:
         """Return the bodies within `REACH_M` of the tool as planes, the nearest first. Friction is not announced."""

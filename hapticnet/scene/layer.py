@@ -218,15 +218,6 @@ class Layer:
     The needle's god-object (Zilles and Salisbury, "A constraint-based god-object method for haptic display", 1995)
     stays on `surface`, where the tissue would be without the needle; the force grows with the distance of the tip from
     it. The visible surface follows the tip while it is indented.
-
-    Attributes
-    ----------
-    breached
-        Whether the needle has pierced the layer.
-    feel
-        Force as a function of tip position: the contact law or the friction on the shaft.
-    is_felt
-        Whether the layer can exert a force on a needle past its surface.
     """
 
     __slots__ = ("_breach_depth_m", "_press", "_shaft", "breached", "feel", "is_felt", "rest_m", "surface", "tissue")
@@ -246,8 +237,8 @@ class Layer:
     def heal(self) -> None:
         """Make the layer intact after the needle has been withdrawn."""
         self.breached = False
-        self.is_felt = True
-        self.feel = self._press
+        self.is_felt = True  # whether the layer can exert a force on a needle past its surface
+        self.feel = self._press  # force as a function of tip position: the contact law or the friction on the shaft
 
     def breach(self, tip_m: float) -> float:
         """Pierce the layer with the tip at `tip_m` and return the remaining force [N].
@@ -314,12 +305,8 @@ class Grip(NamedTuple):
 def bound_of(felt: Sequence[Layer], passed: Sequence[Layer], ahead_m: float, tip_m: float) -> StiffnessBound | None:
     """Return the bound of a needle; None if a layer cannot tell.
 
-    Parameters
-    ----------
-    felt, passed
-        Layers that can exert a force at the tip, and those that heal when it is withdrawn.
-    ahead_m
-        Position of the next surface [m].
+    `felt` are the layers that can exert a force at the tip, `passed` those that heal when it is withdrawn, and
+    `ahead_m` is the position of the next surface.
     """
     stiffness = damping = 0.0
     low_m = max((layer.surface.position_m() for layer in passed), default=-LARGEST_COMPONENT)

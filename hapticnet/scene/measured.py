@@ -39,13 +39,7 @@ MOST_SURFACES: Final = 64
 
 
 class LineFit:
-    """A line through forces over positions; each counts less, the further the tool has moved since.
-
-    Attributes
-    ----------
-    stiffness_n_per_m, deviation_n_per_m
-        Slope [N/m] and its standard deviation; infinite where the tool has not moved.
-    """
+    """A line through forces over positions; each counts less, the further the tool has moved since."""
 
     __slots__ = ("_cff", "_cxf", "_cxx", "_f", "_newest_m", "_w", "_x", "deviation_n_per_m", "stiffness_n_per_m")
 
@@ -53,6 +47,7 @@ class LineFit:
         self._w, self._x, self._f = 1.0, x_m, force_n
         self._newest_m = x_m
         self._cxx = self._cxf = self._cff = 0.0
+        # Slope [N/m] and its standard deviation; infinite where the tool has not moved
         self.stiffness_n_per_m, self.deviation_n_per_m = 0.0, math.inf
 
     def add(self, x_m: float, force_n: float) -> None:

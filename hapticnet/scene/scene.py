@@ -41,16 +41,8 @@ class Scene:
     a list; layers it has pierced wait in a heap, ordered by the position behind which they heal. While the tip stays
     between the nearest of both, the layers need not be searched.
 
-    Raise SettingsError if there is no tissue, or if two share a rest position.
-
-    Parameters
-    ----------
-    tissues
-        The tissues, in any order, with different rest positions.
-    name
-        Name of the scene.
-    reach_m
-        How far from the tip [m] layers are announced (`ahead`).
+    Raise SettingsError if there is no tissue, or if two share a rest position. Layers are announced (`ahead`) as far as
+    `reach_m` from the tip.
     """
 
     axes: Final = 1

@@ -16,12 +16,13 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 
 from hapticnet.checks import meant
-from hapticnet.errors import SettingsError
+from hapticnet.errors import FileError, SettingsError
 from hapticnet.files import user_path
-from hapticnet.samples import Vector
+from hapticnet.recordings.loading import Columns, load_recording
+from hapticnet.samples import LARGEST_COMPONENT, Vector
 from hapticnet.scene.base import UserScene
 from hapticnet.scene.bodies import BodyScene
-from hapticnet.scene.recorded import RecordedForce
+from hapticnet.scene.recorded import RecordedScene
 from hapticnet.scene.scene import Scene
 from hapticnet.scene.settings import AnySceneSettings, BodySceneSettings, Plane, SceneSettings, Sphere, Tissue
 from hapticnet.user_code import close_user_object, find_user_class
@@ -144,9 +145,6 @@ def _scene_table() -> Any:
     return create_model("Scene", __config__=STRICT, name=(str, ...), **tables)
 
 
-SCENES: Final = "paper, paper:SEED, a preset, FILE.toml, recording:FILE, FILE.py:CLASS or package.module:CLASS"
-"""What ``--scene`` may be."""
-
 MOST_FAULTS: Final = 10
 """Most exceptions of ``close()`` that are remembered until the end of the run."""
 
@@ -238,19 +236,27 @@ class UserSource(SceneSource):
 
 
 class RecordedSource(SceneSource):
-    """Makes scenes that play a recorded force, of FILE or FILE:COLUMN,…; a file may have a colon in its name."""
+    """Makes scenes that play a recorded force, each from its beginning.
 
-    def __init__(self, spec: str, folder: Path) -> None:
-        file, colon, columns = spec.rpartition(":")
-        chosen = bool(colon) and not (folder / user_path(spec)).exists()
-        self.file = folder / user_path(file if chosen else spec)
-        self._force = RecordedForce(self.file, columns=columns if chosen else None)
-        self.name = self._force.name
-        self.notes = self._force.notes
+    Raise FileError if the file cannot be read or its force is out of range, SettingsError if more than three columns
+    are chosen, and UnavailableError if the package that reads this kind of file is not installed.
+    """
+
+    def __init__(self, file: Path, columns: Columns | None = None) -> None:
+        recording = load_recording(file, columns=columns)
+        for row, axis in np.argwhere(~(np.abs(recording.force) <= LARGEST_COMPONENT))[:1].tolist():
+            raise FileError(
+                f"{file}: sample {row} is {recording.force[row, axis]} N; it must be within ±{LARGEST_COMPONENT:g} N"
+            )
+        self.name = f"recording:{file.name}"[:64]
+        self.file = file
+        self.notes = recording.notes
+        self.axes = int(recording.force.shape[1])
+        self._recording = recording
 
     def make(self) -> "Touchable":
         """Return a scene that has not begun."""
-        return self._force.make()
+        return RecordedScene(self._recording.t_us, self._recording.force, name=self.name)
 
 
 def find_source(spec: str, folder: Path = Path()) -> SceneSource:
@@ -262,7 +268,11 @@ def find_source(spec: str, folder: Path = Path()) -> SceneSource:
     unreadable or malformed.
     """
     if spec.startswith("recording:"):
-        return RecordedSource(spec.removeprefix("recording:"), folder)
+        text = spec.removeprefix("recording:")
+        place, colon, columns = text.rpartition(":")
+        if not colon or (folder / user_path(text)).exists():  # a file may have a colon in its name
+            return RecordedSource(folder / user_path(text))
+        return RecordedSource(folder / user_path(place), columns)
     if spec not in scene_names() and not spec.startswith("paper:") and not spec.endswith(".toml"):
         found = find_user_class(spec, "scene", folder)
         if found is not None:

@@ -26,10 +26,7 @@ shares = st.floats(0.0, 1.0)
 times_us = st.integers(0, LONGEST_US)
 jitters = st.one_of(
     st.builds(
-        Jitter,
-        distribution=st.sampled_from(["normal", "uniform"]),
-        deviation_us=times_us,
-        keeps_order=st.booleans(),
+        Jitter, distribution=st.sampled_from(["normal", "uniform"]), deviation_us=times_us, keeps_order=st.booleans()
     ),
     st.builds(
         Jitter,
@@ -100,10 +97,7 @@ def test_the_three_kinds_of_loss_are_understood(spec, loss):
         ("delay=250us", ChannelSettings(delay_us=250)),
         ("delay=.25s", ChannelSettings(delay_us=250_000)),
         ("reorder=5%", ChannelSettings(reorder_probability=0.05, hold_back_us=10_000)),
-        (
-            "jitter=pareto:2ms:2.5",
-            ChannelSettings(jitter=Jitter(distribution="pareto", deviation_us=2000, shape=2.5)),
-        ),
+        ("jitter=pareto:2ms:2.5", ChannelSettings(jitter=Jitter(distribution="pareto", deviation_us=2000, shape=2.5))),
         ("PERFECT", ChannelSettings()),
     ],
 )
@@ -204,8 +198,7 @@ def test_any_text_is_parsed_or_refused(text):
 
 @pytest.mark.parametrize("value", [-1, math.nan, math.inf, 1e300])
 @pytest.mark.parametrize(
-    "name",
-    ["delay_us", "reorder_probability", "hold_back_us", "duplicate_probability", "rate_bit_per_s", "queue_us"],
+    "name", ["delay_us", "reorder_probability", "hold_back_us", "duplicate_probability", "rate_bit_per_s", "queue_us"]
 )
 def test_values_out_of_range_are_refused_by_name(name, value):
     with pytest.raises(SettingsError, match=name):
@@ -235,8 +228,7 @@ def test_a_channel_that_does_nothing_is_perfect(spec):
 
 
 @pytest.mark.parametrize(
-    "spec",
-    ["delay=1us", "jitter=normal:1us", "loss=pattern:0001", "reorder=1%", "duplicate=1%", "rate=1Gbit/s", "lan"],
+    "spec", ["delay=1us", "jitter=normal:1us", "loss=pattern:0001", "reorder=1%", "duplicate=1%", "rate=1Gbit/s", "lan"]
 )
 def test_a_channel_that_does_something_is_not_perfect(spec):
     assert not parse_channel(spec).is_perfect

@@ -200,8 +200,7 @@ def test_places_that_are_not_there_are_named():
 
 def test_a_codec_may_refuse_more_axes_than_it_knows():
     refusal = "from hapticnet.errors import SampleError\n" + GOOD.replace(
-        "return Sender(self, axes)",
-        "if axes > 1: raise SampleError(f'{axes} axes')\n        return Sender(self, axes)",
+        "return Sender(self, axes)", "if axes > 1: raise SampleError(f'{axes} axes')\n        return Sender(self, axes)"
     )
     load(refusal)
     codec = make_codec("mine", WeberLaw())

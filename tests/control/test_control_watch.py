@@ -17,9 +17,7 @@ def moving(watch: SensorWatch, *, from_m: float, speed_m: float, force_n: float,
 
 
 @pytest.mark.parametrize("speed_m", [1e-4, -1e-4])
-def test_a_constant_reading_during_motion_is_detected_after_about_a_newton(
-    speed_m: float,
-) -> None:
+def test_a_constant_reading_during_motion_is_detected_after_about_a_newton(speed_m: float) -> None:
     noticed = moving(SensorWatch(), from_m=0.003, speed_m=speed_m, force_n=1.0, rise_n_m=0.0)
     assert noticed is not None
     assert 0.5e-3 < noticed * abs(speed_m) < 1.5e-3

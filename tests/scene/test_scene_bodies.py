@@ -236,14 +236,15 @@ def test_an_invalid_position_is_refused_and_changes_nothing(position_m: Vector) 
 # Settings and views ---------------------------------------------------------------------------------------
 
 
-def test_the_tangent_gives_the_force_without_friction() -> None:
+def test_the_planes_announced_give_the_force_without_friction() -> None:
     scene = BodyScene([plane(inward=(0.9, 0.3, 0.1)), ball()])
     tool_m = (0.004, 0.001, -0.002)
     force_n = np.zeros(3)
-    for inward, offset_m, stiffness in scene.tangents(tool_m):
-        assert math.hypot(*inward) == pytest.approx(1.0)
-        force_n += stiffness * max(0.0, float(np.dot(inward, tool_m)) - offset_m) * np.array(inward)
-    assert force_n == pytest.approx(scene.step(PositionSample(0, tool_m)).force_n)
+    felt_n = scene.step(PositionSample(0, tool_m)).force_n
+    for layer in scene.ahead():
+        assert math.hypot(*layer.normal) == pytest.approx(1.0)
+        force_n += layer.stiffness_n_per_m * max(0.0, layer.depth_m(tool_m)) * np.array(layer.normal)
+    assert force_n == pytest.approx(felt_n)
 
 
 def test_contacts_and_depths_are_told_for_each_body() -> None:

@@ -4,8 +4,8 @@ import pytest
 from hapticnet.errors import FileError
 from hapticnet.recordings.text import write_csv
 from hapticnet.samples import ForceSample, PositionSample
-from hapticnet.scene.recorded import RecordedForce, RecordedScene
-from hapticnet.scene.sources import find_source
+from hapticnet.scene.recorded import RecordedScene
+from hapticnet.scene.sources import RecordedSource, find_source
 
 T_US = np.array([5000, 6000, 8000])
 FORCE_N = np.array([[1.0, 0.0], [2.0, -1.0], [3.0, 0.5]])
@@ -50,4 +50,4 @@ def test_columns_can_be_chosen_and_a_name_may_have_a_colon(tmp_path):
 def test_a_force_out_of_range_is_refused(tmp_path):
     write_csv(tmp_path / "a.csv", {"t_us": [0, 1], "force_n": [1e16, 0.0]})
     with pytest.raises(FileError, match=r"sample 0 is 1e\+16 N"):
-        RecordedForce(tmp_path / "a.csv")
+        RecordedSource(tmp_path / "a.csv")

@@ -9,8 +9,6 @@ learns: each payload is a complete curve. The decaying slope is the damped trend
 The payload is a value as in `codec.values`, then the travel: float16 an axis, in thresholds around the value.
 """
 
-import struct
-from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any, ClassVar, Final, NamedTuple, Protocol
 
@@ -28,6 +26,7 @@ from hapticnet.codec.schemes.trend import (
 from hapticnet.codec.steps import MakeTable, Past, Steps
 from hapticnet.codec.streams import Scheme
 from hapticnet.codec.values import (
+    HALF,
     LawNumbers,
     ValueForm,
     check_step,
@@ -39,7 +38,7 @@ from hapticnet.codec.values import (
 from hapticnet.errors import PeerError
 from hapticnet.perception import WeberLaw
 from hapticnet.rounding import as_half
-from hapticnet.samples import LARGEST_COMPONENT, MAX_AXES, Vector
+from hapticnet.samples import LARGEST_COMPONENT, Vector
 from hapticnet.vectors import (
     along,
     distance,
@@ -54,7 +53,6 @@ from hapticnet.vectors import (
     within,
 )
 
-TRAVEL: Final[Mapping[int, struct.Struct]] = {axes: struct.Struct(f">{axes}e") for axes in range(1, MAX_AXES + 1)}
 TRAVEL_BYTES: Final = 2
 
 LARGEST_TRAVEL: Final = 1024.0
@@ -67,7 +65,6 @@ class CurveNumbers(LawNumbers, Protocol):
     @property
     def horizon_us(self) -> float:
         """Time after which a curve is level [µs]."""
-        ...
 
 
 class Curve(NamedTuple):
@@ -135,7 +132,7 @@ class CurveForm:
     def __init__(self, axes: int, law: WeberLaw, *, step_n: float) -> None:
         self._law = law
         self._values = ValueForm(axes, step_n=step_n)
-        self._travel = TRAVEL[axes]
+        self._travel = HALF[axes]
 
     def pack(self, message: CurveMessage) -> bytes:
         """Return the payload of a curve."""

@@ -122,18 +122,8 @@ def local_stiffness(
 
     It is the slope, along the normal, of a line through the newest sample, fitted to those of the last `LOCAL_US`. A
     sample without force, or further than `band_n` from the line so far, ends the window, because there was an impact.
-    Where there was hardly any movement, it is the learned one. Stiffness 0 if there is no force.
-
-    Parameters
-    ----------
-    times_us, samples, positions
-        Times [µs], stimuli [N] and positions [m].
-    first, newest
-        Index of the first sample to use, and of the present one.
-    learned
-        The learned stiffness [N/m].
-    like
-        Any vector with as many axes.
+    Where there was hardly any movement, it is the learned one. Stiffness 0 if there is no force. `like` is any vector
+    with as many axes.
     """
     x, at = row(samples, newest, like), row(positions, newest, like)
     size = magnitude(x)

@@ -9,15 +9,7 @@ from typing import Any, ClassVar, Final, NamedTuple
 
 from hapticnet.codec.steps import ZERO_ORDER_HOLD, MakeTable, Steps
 from hapticnet.codec.streams import Scheme
-from hapticnet.codec.values import (
-    ValueForm,
-    ValueNumbers,
-    ValueRule,
-    check_step,
-    law_numbers,
-    rounded,
-    value_bytes,
-)
+from hapticnet.codec.values import ValueForm, ValueNumbers, ValueRule, check_step, law_numbers, rounded, value_bytes
 from hapticnet.perception import WeberLaw
 from hapticnet.samples import Vector
 from hapticnet.vectors import distance

@@ -47,12 +47,10 @@ class LineNumbers(ValueNumbers, Protocol):
     @property
     def horizon_us(self) -> float:
         """Time after which the end of a line is held [µs]."""
-        ...
 
     @property
     def slope_step(self) -> float:
         """Size of a count of the slope [N/s]."""
-        ...
 
 
 class Line(NamedTuple):

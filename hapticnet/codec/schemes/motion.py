@@ -21,7 +21,7 @@ from collections.abc import Mapping
 from typing import Final, NamedTuple, Protocol, TypeAlias
 
 from hapticnet.codec.schemes.adaptive_predictive import LARGEST_TRAVEL, CurveNumbers, ends_in_range, share_at
-from hapticnet.codec.values import DOUBLE, SINGLE, threshold_around
+from hapticnet.codec.values import DOUBLE, HALF, SINGLE, threshold_around
 from hapticnet.errors import PeerError
 from hapticnet.perception import WeberLaw
 from hapticnet.samples import LARGEST_COMPONENT, MAX_AXES, Vector
@@ -51,13 +51,8 @@ def moved_on(motion: Motion, t_us: int, position: Vector, lag_s: float) -> Motio
     """Return the motion after a position.
 
     The velocity is the low-passed difference quotient: ``v ← (τ·v + p - p_before) / (τ + dt)``, backward Euler of
-    ``τ·dv/dt = dp/dt - v``, per axis. The tool counts as at rest after the first position, and after one whose time
-    stamp goes back. A repeated time stamp is ignored.
-
-    Parameters
-    ----------
-    lag_s
-        The time constant τ [s].
+    ``τ·dv/dt = dp/dt - v``, per axis, with τ = `lag_s`. The tool counts as at rest after the first position, and after
+    one whose time stamp goes back. A repeated time stamp is ignored.
     """
     is_known, samples, before_us, before, velocity = motion
     if not (is_known and t_us >= before_us):
@@ -87,7 +82,6 @@ COUPLED: Final = 3
 WIDE: Final = 8
 """Added to the first byte if the value is float64."""
 
-HALVES: Final[Mapping[int, struct.Struct]] = {axes: struct.Struct(f">{axes}e") for axes in range(1, MAX_AXES + 1)}
 COUPLING: Final[Mapping[int, struct.Struct]] = {axes: struct.Struct(f">{axes}fee") for axes in range(1, MAX_AXES + 1)}
 
 LARGEST_STIFFNESS: Final = 60_000.0
@@ -106,7 +100,6 @@ class MotionNumbers(CurveNumbers, Protocol):
     @property
     def stiffest(self) -> float:
         """Largest stiffness [N/m]."""
-        ...
 
 
 class Message(NamedTuple):
@@ -237,7 +230,7 @@ class MotionForm:
         self._law = law
         self._stiffest = stiffest
         self._values = SINGLE[axes], DOUBLE[axes]
-        self._halves, self._coupling = HALVES[axes], COUPLING[axes]
+        self._halves, self._coupling = HALF[axes], COUPLING[axes]
 
     def pack(self, message: Message) -> bytes:
         """Return the payload of a message."""
@@ -249,7 +242,7 @@ class MotionForm:
             return head + self._coupling.pack(*travel, stiffness, viscosity)
         if kind == CURVE:
             return head + self._halves.pack(*travel)
-        return head + self._halves.pack(*normal) + (HALVES[1].pack(stiffness) if self.axes > 1 else b"")
+        return head + self._halves.pack(*normal) + (HALF[1].pack(stiffness) if self.axes > 1 else b"")
 
     def unpack(self, payload: bytes, receiver: object = None) -> Message:  # noqa: ARG002
         """Return the message in a payload.
@@ -277,7 +270,7 @@ class MotionForm:
             return self._checked_coupling(is_wide, value, tuple(moved), stiffness, viscosity)
         numbers: Vector = self._halves.unpack_from(rest)
         if kind == SURFACE:
-            (across,) = HALVES[1].unpack(rest[self._halves.size :]) if self.axes > 1 else (0.0,)
+            (across,) = HALF[1].unpack(rest[self._halves.size :]) if self.axes > 1 else (0.0,)
             for stiffness in dot(numbers, numbers), across:
                 if not 0.0 <= stiffness <= ROUNDING * self._stiffest:
                     raise PeerError(f"payload holds a stiffness of {stiffness:g} N/m; it is 0 to {self._stiffest:g}")
