@@ -144,9 +144,9 @@ def test_settings_change_while_it_runs_and_the_scene_stays():
             await push(client, 0.012, 0.5)  # through the only tissue
             for multiplier in (0.5, 1.0, 1.5, 2.0):
                 await client.say("set", multiplier=multiplier)
-            await client.say("set", codec="level-crossing")
+            await client.say("set", codec="linear-predictive")
             await until(lambda: client.last("state").get("connections", 0) >= 2 and run.node.session.streaming)
-            state = await client.hear("state", codec="level-crossing", multiplier=2.0)
+            state = await client.hear("state", codec="linear-predictive", multiplier=2.0)
             assert state["connections"] <= 3  # a dragged slider asks for few sessions
             assert state["since_s"] > 0
             await push(client, 0.012, 0.3)
@@ -155,7 +155,7 @@ def test_settings_change_while_it_runs_and_the_scene_stays():
             await client.hear("state", delay_ms=20.0, loss_percent=50.0)
             in_force = [each for _, each in run.node.in_force.history]
             assert {each.multiplier for each in in_force} >= {1.0, 2.0}, "recordings are told what a page changes"
-            assert (in_force[-1].codec, in_force[-1].channel_out) == ("level-crossing", "delay=20ms,loss=50%")
+            assert (in_force[-1].codec, in_force[-1].channel_out) == ("linear-predictive", "delay=20ms,loss=50%")
             assert not [text for text in client.last("event").values() if "SettingsInForce" in str(text)]
             before = client.last("state")["lost"]
             await push(client, 0.005, 0.6)
