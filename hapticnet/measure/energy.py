@@ -17,27 +17,21 @@ from hapticnet.perception import WeberLaw
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class EnergyReport:
-    """Energy at the port where the hand moves the tool against the applied force.
+    """Energy [J] at the port where the hand moves the tool against the applied force.
 
     A contact begins when the true or the applied force exceeds the floor of the law, and ends when neither does. Each
     force acts until the next sample, as the device holds it.
-
-    Attributes
-    ----------
-    put_in_j
-        Work [J] that the hand would do against the true force: the sum of the samples at which it does any.
-    created_j
-        Energy [J] that the applied force creates in comparison with the true one: in each contact, the most by
-        which the hand is ahead (it had to put in less, or got more back), summed over the contacts.
-    active_j
-        Energy [J] that comes out of the port beyond what went in: in each contact the lowest value of the passivity
-        observer, ``−min Σ F̂·Δx``, where that is negative, summed. A true force that is held from sample to sample is
-        a little active itself.
     """
 
     put_in_j: float
+    """Work that the hand would do against the true force: the sum of the samples at which it does any."""
     created_j: float
+    """Energy that the applied force creates in comparison with the true one: in each contact, the most by which the
+    hand is ahead (it had to put in less, or got more back), summed over the contacts."""
     active_j: float
+    """Energy that comes out of the port beyond what went in: in each contact the lowest value of the passivity
+    observer, ``−min Σ F̂·Δx``, where that is negative, summed. A true force that is held from sample to sample is a
+    little active itself."""
 
     @property
     def created_share(self) -> float:
@@ -51,16 +45,9 @@ class EnergyReport:
 
 
 def energy_report(law: WeberLaw, true: FloatArray, applied: FloatArray, positions: FloatArray) -> EnergyReport:
-    """Account for the energy of applied forces.
+    """Account for the energy of applied forces [N], positive when they push the tool out, shape (n, a).
 
-    Parameters
-    ----------
-    law
-        Its floor tells contact from noise.
-    true, applied
-        Forces [N], positive when they push the tool out, shape (n, a).
-    positions
-        Positions [m], which increase inward, shape (n, a).
+    Positions [m] increase inward. The floor of the law tells contact from noise.
     """
     moves = np.diff(positions, axis=0)
     asked_j = np.sum(true[:-1] * moves, axis=1)
