@@ -42,12 +42,7 @@ class Figures:
     signal
         Codec, as its label, whose signal is drawn over time; None: the first that is not raw.
     window
-        The seconds of the recordings that are drawn, as ``FROM:TO``.
-
-    Attributes
-    ----------
-    files
-        The files that `draw` writes.
+        The seconds of the recordings that are drawn, as ``FROM:TO``; None: those with the most sent samples.
 
     Raises
     ------
@@ -147,26 +142,29 @@ def _draw_optimum(shown: Sequence[Block], file: Path) -> None:
     )
     with picture(file, HEIGHT_IN) as figure:
         axes = figure.subplots()
+        looks: list[dict[str, Any]] = [
+            {"linestyle": dash, "color": INK, "linewidth": 1.0, "label": name} for name, dash in OPTIMA.items()
+        ]
+        told = "packets over the fewest of any hold"
         if all(len(line) == 1 for line in lines.values()):
             # At one threshold a row for each codec says more than points above one another.
             ordered = sorted(lines.items(), key=lambda item: -item[1][0][1])
             for place, (_, [(_, value, _, half_width)]) in enumerate(ordered):
                 axes.errorbar(value, place, xerr=half_width or None, fmt="o", color=BLUE, capsize=2.0)
             axes.set_yticks(range(len(ordered)), [label for label, _ in ordered])
-            axes.axvline(1.0, linestyle=OPTIMA[HOLD_OPTIMUM], color=INK, linewidth=1.0, label=HOLD_OPTIMUM)
-            axes.axvline(optimum[0][1], linestyle=OPTIMA[LINE_OPTIMUM], color=INK, linewidth=1.0, label=LINE_OPTIMUM)
-            axes.set_xlabel("packets over the fewest of any hold")
+            axes.axvline(1.0, **looks[0])
+            axes.axvline(optimum[0][1], **looks[1])
+            axes.set_xlabel(told)
         else:
             draw_codecs(axes, lines)
-            axes.axhline(1.0, linestyle=OPTIMA[HOLD_OPTIMUM], color=INK, linewidth=1.0, label=HOLD_OPTIMUM)
-            dash = OPTIMA[LINE_OPTIMUM]
-            axes.plot(*zip(*optimum, strict=True), linestyle=dash, color=INK, linewidth=1.0, label=LINE_OPTIMUM)
+            axes.axhline(1.0, **looks[0])
+            axes.plot(*zip(*optimum, strict=True), **looks[1])
             finish_axes(axes, across="log" if swept == "multiplier" else "linear")
             values = [value for value, _ in optimum]
             if len(values) <= MOST_TICKS:
                 axes.set_xticks(values, [f"{value:g}" for value in values])
             axes.set_xlabel(SWEPT[swept])
-            axes.set_ylabel("packets over the fewest of any hold")
+            axes.set_ylabel(told)
         _finish(figure, axes, shown, swept, _without_raw(shown, key, 1.0, "times the fewest of any hold"))
 
 
@@ -209,9 +207,8 @@ def _finish(figure: Any, axes: Any, shown: Sequence[Block], swept: str, left_out
     """Add the legend, and what the figure shows and what it leaves out."""
     legend(figure, axes, below=False, handlelength=3.6, labelspacing=0.7)
     values = sorted({getattr(block.settings, swept) for block in shown})
-    some = (
-        ", ".join(f"{value:g}" for value in values) if len(values) <= MOST_TICKS else f"{values[0]:g} to {values[-1]:g}"
-    )
+    ends = f"{values[0]:g} to {values[-1]:g}"
+    some = ", ".join(f"{value:g}" for value in values) if len(values) <= MOST_TICKS else ends
     recordings = shown[0].trial or METHOD.format(count=shown[0].recordings)
     figure.suptitle(f"{recordings}; {SWEPT[swept]}: {some}{left_out}", fontsize=8)
 

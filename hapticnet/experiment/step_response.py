@@ -33,56 +33,37 @@ class StepFigures:
     """Figures of a step response, as defined in control engineering.
 
     The reference is the target, not the final value, so that a loop with a steady error gets worse figures.
-
-    Attributes
-    ----------
-    rise_s
-        Time [s] from the first crossing of 10 % of the step to the first crossing of 90 %; None if 90 % is not
-        reached.
-    overshoot
-        Largest excess over the target, as a fraction of the step; 0 if there is none.
-    settling_s
-        Time [s] from the step until the force stays within 5 % of the step around the target; None if it is outside
-        at the end of the recording.
-    steady_error_n
-        Mean force less target [N] over the last quarter of the recording after the step.
-    ripple_peak_to_peak_n, ripple_rms_n
-        Range (largest less smallest) and standard deviation of the force [N] in that quarter.
     """
 
     rise_s: float | None
+    """Time [s] from the first crossing of 10 % of the step to that of 90 %; None if 90 % is not reached."""
     overshoot: float
+    """Largest excess over the target, as a fraction of the step; 0 if there is none."""
     settling_s: float | None
+    """Time [s] from the step until the force stays within 5 % of the step around the target; None if it is outside at
+    the end of the recording."""
     steady_error_n: float
+    """Mean force less target [N] over the last quarter of the recording after the step."""
     ripple_peak_to_peak_n: float
     ripple_rms_n: float
+    """Range (largest less smallest) and standard deviation of the force [N] in that quarter."""
 
 
 def step_figures(
     t_s: Sequence[float] | Numbers, force_n: Sequence[float] | Numbers, *, at_s: float, from_n: float, to_n: float
 ) -> StepFigures:
-    """Return the figures of a recorded step response.
+    """Return the figures of a step at `at_s` [s] in a recorded force [N], shape (n,), at increasing times [s].
 
-    Crossings are interpolated between samples, so they do not depend on the sampling rate.
-
-    Parameters
-    ----------
-    t_s
-        Times [s] of the samples, shape (samples,), increasing.
-    force_n
-        Sensed or true force [N], shape (samples,).
-    at_s
-        Time of the step [s].
-    from_n, to_n
-        Target [N] before and after; a downward step is inverted.
+    Crossings are interpolated between samples, so they do not depend on the sampling rate. A downward step is inverted.
 
     Raises
     ------
     SettingsError
-        If a value is not finite, times do not increase, the step has no height or fewer than two samples follow it.
+        If the step has no height, or fewer than two samples follow it.
     """
     times, forces = np.asarray(t_s, dtype=np.float64), np.asarray(force_n, dtype=np.float64)
-    _check(times, forces, at_s, from_n, to_n)
+    if from_n == to_n:
+        raise SettingsError(f"the step goes from {from_n:g} to {to_n:g} N; the forces must differ")
     after = times >= at_s
     if after.sum() < 2:
         raise SettingsError(f"{after.sum()} samples follow the step at {at_s:g} s; at least 2 are needed")
@@ -117,23 +98,9 @@ def plot_step(
     contact_force_n: Sequence[float] | Numbers | None = None,
     title: str = "",
 ) -> None:
-    """Draw the paper's Fig. 2: target, sensed and, if known, true force over time.
+    """Draw the paper's Fig. 2: target, sensed and, if known, true force [N] over the time since the step [s].
 
-    Parameters
-    ----------
-    file
-        Picture to write.
-    t_s
-        Times since the step [s], shape (samples,).
-    target_n, force_n, contact_force_n
-        Target, sensed and true force [N] at those times, shape (samples,).
-    title
-        Title of the picture.
-
-    Raises
-    ------
-    UnavailableError
-        If matplotlib is missing.
+    UnavailableError if matplotlib is missing.
     """
     with picture(file, 3.8) as figure:
         axes = figure.subplots()
@@ -147,19 +114,6 @@ def plot_step(
         axes.set_xlim(left=max(-LEAD_IN_S, float(t_s[0])))
         legend(figure, axes)
         axes.set_title(title)
-
-
-def _check(times: Numbers, forces: Numbers, at_s: float, from_n: float, to_n: float) -> None:
-    if times.ndim != 1 or times.shape != forces.shape:
-        raise SettingsError(f"times have shape {times.shape} and forces {forces.shape}; both must be (samples,)")
-    for name, values in (("times [s]", times), ("forces [N]", forces), ("step", np.array([at_s, from_n, to_n]))):
-        if not np.isfinite(values).all():
-            raise SettingsError(f"{name} hold {values[~np.isfinite(values)][0]}; all must be finite")
-    if (np.diff(times) <= 0.0).any():
-        late = int((np.diff(times) <= 0.0).argmax())
-        raise SettingsError(f"times go from {times[late]} to {times[late + 1]} s; they must increase")
-    if from_n == to_n:
-        raise SettingsError(f"the step goes from {from_n:g} to {to_n:g} N; the forces must differ")
 
 
 def _reached_s(since_s: Numbers, done: Numbers, level: float) -> float | None:

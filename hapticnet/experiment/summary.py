@@ -3,7 +3,7 @@
 import math
 import statistics
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from functools import cache
 from typing import Any, Final
 
@@ -29,35 +29,22 @@ class Settings:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Line:
-    """One codec, or one optimum, in a block.
-
-    Attributes
-    ----------
-    values
-        Figures by the name of the field in `Row.flat`; None where there is no finite value.
-    half_widths
-        Of the 95 % intervals, for the values that are means.
-    """
+    """One codec, or one optimum, in a block."""
 
     label: str
     codec: str | None
     values: Mapping[str, Any]
+    """Figures by the name of the field in `Row.flat`; None where there is no finite value."""
     half_widths: Mapping[str, float]
+    """Of the 95 % intervals, for the values that are means."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Block:
-    """All codecs with the same settings, on one recording or in the mean over several.
-
-    Attributes
-    ----------
-    trial
-        Name of the recording; None for means.
-    recordings
-        How many there are in it.
-    """
+    """All codecs with the same settings, on one recording or in the mean over several."""
 
     trial: str | None
+    """Name of the recording; None for means."""
     recordings: int
     settings: Settings
     lines: tuple[Line, ...]
@@ -67,13 +54,7 @@ def blocks(rows: Sequence[Row]) -> list[Block]:
     """Return a block for each recording and settings; the two optima come last in each."""
     found: dict[tuple[str, Settings], list[Row]] = {}
     for row in rows:
-        settings = Settings(
-            multiplier=row.multiplier,
-            weber_fraction=row.weber_fraction,
-            floor_n=row.floor_n,
-            loss=row.loss,
-            delay_us=row.delay_us,
-        )
+        settings = Settings(**{field.name: getattr(row, field.name) for field in fields(Settings)})
         found.setdefault((row.trial, settings), []).append(row)
     return [
         Block(trial=trial, recordings=1, settings=settings, lines=(*map(_line, block), *_optima(block[0])))
