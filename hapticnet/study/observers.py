@@ -9,7 +9,7 @@ import dataclasses
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from statistics import NormalDist
+from statistics import NormalDist, fmean
 from typing import Final, Literal, TypeAlias, get_args
 
 import numpy as np
@@ -39,6 +39,12 @@ LEAST_FORCE_N: Final = 0.01
 RATING_SD: Final = 0.7
 RESPONSE_SPREAD: Final = 0.4
 
+LARGEST: Final = {
+    "force_jnd": 1.0, "force_floor_n": 1.0, "stiffness_jnd": 10.0, "criterion": 10.0, "spread": 2.0, "lapse": 1.0,
+    "step_masking": 100.0, "step_lapses": 100.0, "rhythm": 100.0, "annoyance": 10.0, "response_s": 1000.0,
+}  # fmt: skip
+"""Largest value of each parameter."""
+
 EARLY_M: Final = 3e-3
 """Indentation [m] over which the early force is averaged."""
 
@@ -60,87 +66,43 @@ class Look:
     work_j: float  # felt force times the way in
     updates: int  # changes of the held force
     step: float  # median of |ln(after / before)| of the held force over updates; 0 without one
-    duration_s: float
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ObserverSettings:
-    """Perception of an observer. JNDs are relative differences that are told right in 75 % of forced choices.
+    """Perception of an observer. JNDs are relative differences that are told right in 75 % of forced choices."""
 
-    Attributes
-    ----------
-    name
-        Name in tables and reports.
-    cue
-        Cue by which tissues are ordered: the largest force, the slope of force against position, the mean force over
-        the first 3 mm, the work, or the number of updates. Terminal force: Fu, van Paassen & Mulder 2017, and Tan,
-        Durlach, Beauregard & Srinivasan 1995.
-    force_jnd
-        JND of one force, as a share of it. 7 %: Pang, Tan & Durlach 1991, active pinch, 2.5–10 N. About 10 % at the
-        index finger at 2–5 N.
-    force_floor_n
-        Standard deviation of a felt force as the force vanishes [N]. JNDs are 15–27 % below 0.5 N (quoted in Scientific
-        Reports 2022, s41598-022-12010-0); the value is an assumption.
-    stiffness_jnd
-        JND of the stiffness of two tissues touched once, with the noise of position and memory. 22.5 %: between Tan and
-        others 1995 (22 %) and Jones & Hunter 1990 (23 %). What exceeds the noise of force does not shrink with more
-        contacts, because it is of the memory.
-    criterion
-        How many standard deviations of the felt difference are called "different". An assumption; the JND of an
-        ascending method of limits depends on it, see docs/understand/observers.md.
-    spread
-        Standard deviation, over participants, of the logarithm of all noise. An assumption, within which the standard
-        errors of the paper fall.
-    lapse
-        Share of answers that are guesses. An assumption; 0 to 5 % is common.
-    step_masking
-        Noise that steps of the held force add to a judgement, in multiples of the step. Fitted to the paper's results;
-        see `OBSERVERS`.
-    step_lapses
-        Share of guesses for each unit of the step. Fitted likewise.
-    rhythm
-        Share of trials, for each unit of the step, that are ordered by the number of updates. Fitted likewise.
-    annoyance
-        By how much a rating falls for a step of one `force_jnd`. An assumption, so that ratings vary.
-    response_s
-        Median time to an answer [s]. An assumption.
-    answering
-        "same": always the same answer; "never": never says "different". For tests of the procedures.
-    """
-
-    name: str = "literature"
+    name: str = "literature"  # in tables and reports
+    # Terminal force is what people order by: Fu, van Paassen & Mulder 2017; Tan, Durlach, Beauregard & Srinivasan 1995.
     cue: Cue = "peak"
+    # Of one force: Pang, Tan & Durlach 1991, active pinch, 2.5-10 N. About 10 % at the index finger at 2-5 N.
     force_jnd: float = 0.07
+    # Noise [N] of a felt force as the force vanishes, an assumption: JNDs are 15-27 % below 0.5 N (quoted
+    # in Scientific Reports 2022, s41598-022-12010-0).
     force_floor_n: float = 0.0125
+    # Of two tissues touched once: between Tan and others 1995 (22 %) and Jones & Hunter 1990 (23 %). What exceeds the
+    # noise of force does not shrink with more contacts, because it is of the memory.
     stiffness_jnd: float = 0.225
-    criterion: float = 1.64
+    criterion: float = 1.64  # standard deviations of the felt difference that are called "different": an assumption
+    # Standard deviation over participants of the logarithm of all noise: an assumption, within which the paper's
+    # standard errors fall.
     spread: float = 0.35
-    lapse: float = 0.0
-    step_masking: float = 0.0
-    step_lapses: float = 0.0
-    rhythm: float = 0.0
-    annoyance: float = 1.0
-    response_s: float = 2.0
-    answering: Answering = ""
+    lapse: float = 0.0  # share of answers that are guesses: an assumption; 0 to 5 % is common
+    step_masking: float = (
+        0.0  # noise that steps of the held force add, in multiples of the step: fitted, see `OBSERVERS`
+    )
+    step_lapses: float = 0.0  # share of guesses for each unit of the step: fitted
+    rhythm: float = 0.0  # share of trials, for each unit of the step, ordered by the number of updates: fitted
+    annoyance: float = 1.0  # by how much a rating falls for a step of one `force_jnd`: an assumption
+    response_s: float = 2.0  # median time to an answer: an assumption
+    answering: Answering = ""  # "same": always that answer; "never": never "different". For tests of the procedures
 
     def __post_init__(self) -> None:
         where = f"observer {self.name!r}:"
         for name, choices in (("cue", get_args(Cue)), ("answering", get_args(Answering))):
             if getattr(self, name) not in choices:
                 raise SettingsError(f"{where} {name} is {getattr(self, name)!r}; choose from {', '.join(choices)}")
-        for name, largest in (
-            ("force_jnd", 1.0),
-            ("force_floor_n", 1.0),
-            ("stiffness_jnd", 10.0),
-            ("criterion", 10.0),
-            ("spread", 2.0),
-            ("lapse", 1.0),
-            ("step_masking", 100.0),
-            ("step_lapses", 100.0),
-            ("rhythm", 100.0),
-            ("annoyance", 10.0),
-            ("response_s", 1000.0),
-        ):
+        for name, largest in LARGEST.items():
             check_parameter(f"{where} {name}", getattr(self, name), 0.0, largest)
 
     @property
@@ -233,15 +195,7 @@ def labelled(name: str) -> str:
 
 
 class Observer:
-    """A simulated participant.
-
-    Parameters
-    ----------
-    settings
-        Perception of this participant; `ObserverSettings.of_participant` draws one.
-    rng
-        Source of noise, lapses and times.
-    """
+    """A simulated participant, of a perception that `ObserverSettings.of_participant` draws."""
 
     def __init__(self, settings: ObserverSettings, rng: np.random.Generator) -> None:
         self.settings = settings
@@ -273,15 +227,15 @@ class Observer:
         """
         if self.settings.answering:
             return tuple(range(tissues))
-        cues = np.full((1, tissues), LEAST_FORCE_N)
-        updates, steps, counts = np.zeros((1, tissues)), np.zeros((1, tissues)), np.ones((1, tissues))
+        cue = CUE_FIELDS[self.settings.cue]
+        # One row for each tissue: cue, updates, step, contacts.
+        felt = np.tile([LEAST_FORCE_N, 0.0, 0.0, 1.0], (tissues, 1))
         for tissue in range(tissues):
             own = [look for look in contacts if look.tissue == tissue]
             if own:
-                cues[0, tissue] = _mean_cue(own, self.settings.cue)
-                updates[0, tissue] = np.mean([look.updates for look in own])
-                steps[0, tissue] = np.mean([look.step for look in own])
-                counts[0, tissue] = len(own)
+                means = [fmean(max(getattr(look, cue), 1e-6) for look in own), fmean(look.updates for look in own)]
+                felt[tissue] = *means, fmean(look.step for look in own), len(own)
+        cues, updates, steps, counts = felt.T[:, None, :]
         return tuple(judged(self.settings, cues, updates, steps, counts, self._rng)[0].tolist())
 
     def rate(self, contacts: Sequence[Look]) -> int:
@@ -321,7 +275,7 @@ def judged(
         For each trial and tissue, shape (n, tissues): the felt cue, the number of updates, the step, and the number of
         contacts.
     factor
-        By how much each trial's observer is noisier than the settings, shape (n, 1): participants differ.
+        By how much each trial's observer is noisier than the settings, shape (n, 1).
     """
     trials = len(cues)
     step = steps.mean(axis=1, keepdims=True)
@@ -340,67 +294,31 @@ def judged(
     return np.argsort(felt, axis=1)
 
 
-def _mean_cue(own: Sequence[Look], cue: Cue) -> float:
-    return float(np.mean([max(getattr(look, CUE_FIELDS[cue]), 1e-6) for look in own]))
-
-
 def contacts(played: Played) -> list[Look]:
-    """Return what the finger felt of each contact of a trial."""
-    ticks = played.ticks
-    return looks(
-        ticks["t_us"],
-        ticks["position_m"],
-        ticks["held_n"],
-        ticks["sensed_n"],
-        surfaces_m=played.stimulus.surfaces_m,
-        breach_depths_m=[tissue.breach_depth_m for tissue in played.stimulus.tissues],
-    )
-
-
-def looks(
-    t_us: FloatArray,
-    position_m: FloatArray,
-    held_n: FloatArray,
-    felt_n: FloatArray,
-    *,
-    surfaces_m: Sequence[float],
-    breach_depths_m: Sequence[float],
-) -> list[Look]:
-    """Return every contact of a trial, in order of time.
+    """Return what the finger felt of each contact of a trial, in order of time.
 
     A contact begins when the tip passes a surface inwards. It ends when the tip leaves through the same surface, or is
     as far behind the breach as there is space before the next surface, so that what the device feels late still counts.
-
-    Parameters
-    ----------
-    t_us, position_m, held_n, felt_n
-        Time [µs], position of the tip [m], held force and force felt at the finger [N] of each tick, shape (n,).
-    surfaces_m, breach_depths_m
-        Position of each tissue's surface at rest and its indentation at the breach [m], front to back.
     """
-    found = []
+    position_m, held_n, felt_n = (played.ticks[name] for name in ("position_m", "held_n", "sensed_n"))
+    surfaces_m = played.stimulus.surfaces_m
     ends_m = [*surfaces_m[1:], np.inf]
-    for tissue, (surface_m, depth_m, end_m) in enumerate(zip(surfaces_m, breach_depths_m, ends_m, strict=True)):
+    breaches_m = [tissue.breach_depth_m for tissue in played.stimulus.tissues]
+    found = []
+    for tissue, (surface_m, end_m, breach_m) in enumerate(zip(surfaces_m, ends_m, breaches_m, strict=True)):
         inside = (position_m >= surface_m) & (position_m < end_m)
         edges = np.flatnonzero(np.diff(inside.astype(np.int8), prepend=0, append=0))
         for first, last in zip(edges[::2], edges[1::2], strict=True):
             if first == 0 or position_m[first - 1] >= surface_m:
                 continue  # on the way out
             span = slice(int(first), int(last))
-            if position_m[span].max() - surface_m < LEAST_DEPTH_M:
-                continue
-            found.append(
-                (
-                    int(first),
-                    _look(tissue, t_us[span], position_m[span] - surface_m, held_n[span], felt_n[span], depth_m),
-                )
-            )
+            if position_m[span].max() - surface_m >= LEAST_DEPTH_M:
+                look = _look(tissue, position_m[span] - surface_m, held_n[span], felt_n[span], breach_m)
+                found.append((int(first), look))
     return [look for _, look in sorted(found, key=lambda each: each[0])]
 
 
-def _look(
-    tissue: int, t_us: FloatArray, depth_m: FloatArray, held_n: FloatArray, felt_n: FloatArray, breach_m: float
-) -> Look:
+def _look(tissue: int, depth_m: FloatArray, held_n: FloatArray, felt_n: FloatArray, breach_m: float) -> Look:
     through = np.flatnonzero(depth_m > breach_m)
     end = int(through[0]) if len(through) else len(depth_m)
     going_in = slice(0, max(int(depth_m[:end].argmax()) + 1 if end else 0, 2))
@@ -417,5 +335,4 @@ def _look(
         work_j=float(np.sum(0.5 * (felt[1:] + felt[:-1]) * np.diff(depth))),
         updates=int(np.count_nonzero(np.diff(held_n[:end]))),
         step=float(np.median(steps)) if len(steps) else 0.0,
-        duration_s=float(t_us[end - 1] - t_us[0]) * 1e-6 if end else 0.0,
     )

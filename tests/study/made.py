@@ -21,7 +21,6 @@ def look(tissue: int, peak_n: float, step: float = 0.0, updates: int = 10) -> Lo
         work_j=0.005 * peak_n,
         updates=updates,
         step=step,
-        duration_s=0.6,
     )
 
 
