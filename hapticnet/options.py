@@ -84,6 +84,15 @@ def _text(annotation: Any) -> str:
     return kind.__name__ if isinstance(kind, type) else re.sub(r"\b(?:\w+\.)+", "", str(kind))
 
 
+def _seconds(help: str, least: float, most: float) -> Option:  # noqa: A002 - as that of Option
+    return Option(help, "SECONDS", least=least, most=most, unit="s")
+
+
+def _size(what: str) -> Option:
+    text = f"{what}, such as 500MB or 8GiB; default: 2GiB."
+    return Option(text, "SIZE", parser=parse_bytes, show_default=False)
+
+
 Missing: TypeAlias = Literal["refuse", "drop", "hold"]
 ExportFormat: TypeAlias = Literal["csv", "mcap", "npz", "parquet"]
 PlotFormat: TypeAlias = Literal["png", "pdf", "svg"]
@@ -102,20 +111,11 @@ MostSessionsPerKey: TypeAlias = Annotated[
     Option("Sessions of one key at once (without keys, of one host), unless the list says.", least=1, most=1_000_000),
 ]
 Keep: TypeAlias = Annotated[
-    float,
-    Option(
-        "Keep the scene of a silent master this long for its return.", "SECONDS", least=1.0, most=86_400.0, unit="s"
-    ),
+    float, _seconds("Keep the scene of a silent master this long for its return.", 1.0, 86_400.0)
 ]
 Drain: TypeAlias = Annotated[
     float,
-    Option(
-        "When stopped, take no new masters and let the present ones finish for up to this long.",
-        "SECONDS",
-        least=0.0,
-        most=86_400.0,
-        unit="s",
-    ),
+    _seconds("When stopped, take no new masters and let the present ones finish for up to this long.", 0.0, 86_400.0),
 ]
 Key: TypeAlias = Annotated[
     Path | None, Option("This host's key file, made by 'hapticnet key new'.", "FILE", variable="HAPTICNET_KEY")
@@ -189,8 +189,7 @@ Device: TypeAlias = Annotated[
     ),
 ]
 DeviceArgument: TypeAlias = Annotated[
-    str,
-    Option("sim[:N/MM], simavr[:N/MM], serial:auto, serial:PATH[@BAUD] or FILE.py:CLASS.", "DEVICE", argument=True),
+    str, Option("sim[:N/MM], simavr[:N/MM], serial:auto, serial:PATH[@BAUD] or FILE.py:CLASS.", "DEVICE", argument=True)
 ]
 DeviceTakes: TypeAlias = Annotated[
     Literal["x", "y", "z", "norm"], Option("The part of a force of several axes that the device renders.")
@@ -200,14 +199,7 @@ Profile: TypeAlias = Annotated[
 ]
 Passive: TypeAlias = Annotated[bool, Option("Damp a force that would return more energy than the hand put in.")]
 MaxAge: TypeAlias = Annotated[
-    float,
-    Option(
-        "Ignore forces that answer a position older than this, by the master's clock.",
-        "SECONDS",
-        least=0.01,
-        most=60.0,
-        unit="s",
-    ),
+    float, _seconds("Ignore forces that answer a position older than this, by the master's clock.", 0.01, 60.0)
 ]
 FirstTouch: TypeAlias = Annotated[bool, Option("Find the finger with a press of 1 N before asking for a session.")]
 
@@ -268,8 +260,7 @@ ForceColumn: TypeAlias = Annotated[
     str | None, Option("Force columns [N], by name or number from 0; one to three axes.", "NAME[,NAME…]")
 ]
 TimeColumn: TypeAlias = Annotated[
-    str | None,
-    Option("Column of the times, by name or number; default: one called t, time, timestamp …", "NAME"),
+    str | None, Option("Column of the times, by name or number; default: one called t, time, timestamp …", "NAME")
 ]
 SamplingRate: TypeAlias = Annotated[float | None, Option("Sampling rate of files without a column of times.", "HZ")]
 PositionColumn: TypeAlias = Annotated[
@@ -286,22 +277,13 @@ PositionScale: TypeAlias = Annotated[
 Start: TypeAlias = Annotated[
     str | None,
     Option(
-        "Move all positions so that the first is at this place [m], to put a recorded hand into the scene.",
-        "X[,Y[,Z]]",
+        "Move all positions so that the first is at this place [m], to put a recorded hand into the scene.", "X[,Y[,Z]]"
     ),
 ]
 MissingValues: TypeAlias = Annotated[
     Missing, Option("Empty cells and NaN: refuse the file, drop such rows, or hold (repeat) the last value.")
 ]
-MaxSize: TypeAlias = Annotated[
-    int,
-    Option(
-        "Largest file that is read, such as 500MB or 8GiB; default: 2GiB.",
-        "SIZE",
-        parser=parse_bytes,
-        show_default=False,
-    ),
-]
+MaxSize: TypeAlias = Annotated[int, _size("Largest file that is read")]
 
 # Recording, monitoring, output and running.
 Record: TypeAlias = Annotated[
@@ -311,15 +293,7 @@ RecordDir: TypeAlias = Annotated[
     Path | None, Option("Record each session in DIR/NAME-SESSION and the format's suffix.", "DIR")
 ]
 RecordFormat: TypeAlias = Annotated[Literal["csv", "mcap"], Option("Format of the recordings.")]
-RecordLimit: TypeAlias = Annotated[
-    int,
-    Option(
-        "Disk space that recordings may take, such as 500MB or 8GiB; default: 2GiB.",
-        "SIZE",
-        parser=parse_bytes,
-        show_default=False,
-    ),
-]
+RecordLimit: TypeAlias = Annotated[int, _size("Disk space that recordings may take")]
 Page: TypeAlias = Annotated[
     str | None,
     Option(
@@ -337,8 +311,7 @@ Overwrite: TypeAlias = Annotated[bool, Option("Overwrite files that exist.")]
 Quiet: TypeAlias = Annotated[bool, Option("Print only errors and the report.", flags=("--quiet/--no-quiet", "-q"))]
 Duration: TypeAlias = Annotated[float | None, Option("Stop after this many seconds.", "SECONDS", least=0.0)]
 SessionDuration: TypeAlias = Annotated[
-    float | None,
-    Option("Stop this long after connecting; else when the operator is done.", "SECONDS", least=0.0),
+    float | None, Option("Stop this long after connecting; else when the operator is done.", "SECONDS", least=0.0)
 ]
 Seed: TypeAlias = Annotated[int, Option("Seed of the random numbers.", least=0)]
 Jobs: TypeAlias = Annotated[

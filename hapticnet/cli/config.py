@@ -16,8 +16,7 @@ SETTINGS: Final = {"allow_interspersed_args": False, "ignore_unknown_options": T
 def config(
     ctx: typer.Context,
     verb: Annotated[
-        list[str] | None,
-        typer.Argument(metavar="VERB OPTIONS", help="A verb and options for it, as one would run it."),
+        list[str] | None, typer.Argument(metavar="VERB OPTIONS", help="A verb and options for it, as one would run it.")
     ] = None,
     file: Annotated[
         Path | None,
@@ -63,7 +62,7 @@ def config(
 
         print(json_module.dumps(rows, indent=2, default=str))
     else:
-        _print_table(rows)
+        _print(rows)
 
 
 def _resolve(root: Any, arguments: list[str], file: Path | None) -> list[dict[str, Any]]:
@@ -101,26 +100,11 @@ def _resolve(root: Any, arguments: list[str], file: Path | None) -> list[dict[st
     return rows
 
 
-def _print_table(rows: list[dict[str, Any]]) -> None:
-    from hapticnet.cli.console import show
+def _print(rows: list[dict[str, Any]]) -> None:
+    from hapticnet.cli.console import print_table
 
     if not rows:
         print("neither a file nor the environment sets an option; hapticnet config VERB lists the defaults")
         return
     verbs = len({row["verb"] for row in rows})
-    cells = [
-        (f"{row['verb']} " * (verbs > 1) + f"--{row['option']}", _shown(row["value"]), row["source"]) for row in rows
-    ]
-    widths = [max(len(cell[column]) for cell in cells) for column in range(2)]
-    for option, value, source in cells:
-        show(f"{option:<{widths[0]}}  {value:<{widths[1]}}  {source}")
-
-
-def _shown(value: object) -> str:
-    if value is None or value == [] or value == ():
-        return "–"
-    if isinstance(value, bool):
-        return "yes" if value else "no"
-    if isinstance(value, list | tuple):
-        return " ".join(map(str, value))
-    return f"{value:g}" if isinstance(value, float) else str(value)
+    print_table((f"{row['verb']} " * (verbs > 1) + f"--{row['option']}", row["value"], row["source"]) for row in rows)

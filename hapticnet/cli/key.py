@@ -7,7 +7,7 @@ import typer
 from hapticnet import options
 
 if TYPE_CHECKING:
-    from hapticnet.protocol.keys import MasterEntry, Roster
+    from hapticnet.protocol.keys import MasterEntry
 
 app = typer.Typer(no_args_is_help=True, help="Make and show the keys of sealed sessions.")
 
@@ -59,7 +59,7 @@ def list_masters(file: options.MastersArgument = None, json: options.Json = Fals
     """List the masters that the slave admits, with their limits, after the checks that the slave makes at its start."""
     import os
 
-    from hapticnet.cli.console import deliver
+    from hapticnet.cli.console import deliver, print_table
     from hapticnet.files import user_path
     from hapticnet.protocol.key_files import default_key, default_masters, load_key
     from hapticnet.runtime.trust import read_guests
@@ -67,10 +67,11 @@ def list_masters(file: options.MastersArgument = None, json: options.Json = Fals
     key = user_path(os.environ.get("HAPTICNET_KEY") or default_key())
     path = file or default_masters(key)
     roster, _ = read_guests(path, load_key(key).public if key.exists() else None)
+    rows = [_as_json(entry) for entry in roster]
     if json:
-        deliver({"file": str(path), "masters": [_as_json(entry) for entry in roster]}, as_json=True, file=None)
-    elif len(roster):
-        _print_table(roster)
+        deliver({"file": str(path), "masters": rows}, as_json=True, file=None)
+    elif rows:
+        print_table([list(rows[0]), *(list(row.values()) for row in rows)])
     else:
         print(f"{path} admits no master; 'hapticnet key new' on a master's host prints what to add")
 
@@ -87,19 +88,3 @@ def _as_json(entry: "MasterEntry") -> dict[str, Any]:
         "fastest_rate_hz": entry.fastest_rate_hz,
         "most_sessions": entry.most_sessions,
     }
-
-
-def _print_table(roster: "Roster") -> None:
-    rows = [_as_json(entry) for entry in roster]
-    lines = [list(rows[0]), *([_cell(value) for value in row.values()] for row in rows)]
-    widths = [max(map(len, column)) for column in zip(*lines, strict=True)]
-    for line in lines:
-        print("  ".join(cell.ljust(width) for cell, width in zip(line, widths, strict=True)).rstrip())
-
-
-def _cell(value: str | float | bool | None) -> str:
-    if isinstance(value, bool):
-        return "yes" if value else "no"
-    if isinstance(value, float):
-        return f"{value:g}"
-    return "–" if value is None else str(value)

@@ -77,11 +77,7 @@ class Identity(NamedTuple):
     @property
     def pulse_limits(self) -> tuple[tuple[int, int], tuple[int, int], tuple[int, int]]:
         """Shortest and longest pulse of each servo [ticks of 0.5 µs]."""
-        return (
-            (self.shortest_0, self.longest_0),
-            (self.shortest_1, self.longest_1),
-            (self.shortest_2, self.longest_2),
-        )
+        return ((self.shortest_0, self.longest_0), (self.shortest_1, self.longest_1), (self.shortest_2, self.longest_2))
 
 
 class SensorReading(NamedTuple):

@@ -10,13 +10,7 @@ from hapticnet.checks import check_parameter
 from hapticnet.device.base import Device, Reading
 from hapticnet.device.calibration import Calibration
 from hapticnet.device.servos import Linkage, Pulses, Servo, Servos
-from hapticnet.hardware import (
-    CONTACT_M,
-    MAX_FORCE_N,
-    SENSOR_THRESHOLD_N,
-    STIFFENING,
-    STIFFNESS_N_M,
-)
+from hapticnet.hardware import CONTACT_M, MAX_FORCE_N, SENSOR_THRESHOLD_N, STIFFENING, STIFFNESS_N_M
 
 LEAST_STIFFENING: Final = 1e-12
 """Share below which a finger is a linear spring: the difference is smaller than rounding, and the quotients below would

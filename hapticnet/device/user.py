@@ -37,107 +37,110 @@ class HasApply(Protocol):
         ...
 
 
-class UserDevice(Device):
+class UserObject:
+    """What both kinds of objects have: limits, a description, a status, a report, and one method, which is checked.
+
+    `made` has the method, written as its `form`; messages call it `what`, such as "device own.py:Mine".
+
+    Raise SettingsError if the method is missing or cannot be called this way, or an attribute cannot be used.
+    """
+
+    def __init__(self, made: Any, form: str, what: str) -> None:
+        self.made = made
+        self.what = what
+        self._call: Callable[[float, int], Any] = method_of(made, form, what)
+        self._method = f"{type(made).__name__}.{form.partition('(')[0]}"
+        self.max_force_n = _positive(made, "max_force_n", MAX_FORCE_N, LARGEST_FORCE_N, "N", what)
+        self.description = _text(attribute_of(made, "description", f"{type(made).__name__} (own device)", what))
+        self._otherwise = "ready"  # the status of an object that says none
+
+    @property
+    def status(self) -> str:
+        """What the object says, or whether it is ready."""
+        try:
+            return _text(getattr(self.made, "status", self._otherwise))
+        except BaseException as error:  # it is for messages only
+            return f"reading status raised {raised(error)}"
+
+    def report(self) -> dict[str, Any]:
+        """Return what the object reports; nothing if it has no such method."""
+        try:
+            # Through JSON, so that nothing in it can spoil the report of the run.
+            reported = json.dumps(self.made.report(), default=str) if hasattr(self.made, "report") else "{}"
+            return dict(json.loads(reported))
+        except BaseException as error:
+            return {"report": str(failure(f"{type(self.made).__name__}.report", error))}
+
+    def called(self, value: float, now_us: int) -> Any:
+        """Return what the method returns; raise UserCodeError if it raises."""
+        try:
+            return self._call(value, now_us)
+        except BaseException as error:
+            raise failure(self._method, error) from error
+
+    def refuse(self, result: Any, wanted: str) -> UserCodeError:
+        """Return the error of a method that returned something else than `wanted`."""
+        return UserCodeError(f"{self._method} returned {short(result)}; it must return {wanted}")
+
+
+class UserDevice(UserObject, Device):  # type: ignore[override]  # a status that is asked for
     """An object of the user's that moves a platform, with its results checked.
 
-    `made`: its ``exchange(displacement_m, now_us)`` sets the displacement of the platform toward the finger [m] (0:
-    retracted) and returns the force that its sensor reads [N], a `Reading`, or None while there is no reading.
-    Optional: ``travel_m`` (default 5 mm), ``max_force_n`` (default 5 N), ``description``, ``status``, and ``report()``,
-    which returns a dictionary. `what`: what messages call the object, such as "device own.py:Mine".
-
-    Raise SettingsError if ``exchange`` is missing or cannot be called this way, or an attribute cannot be used.
+    Its ``exchange(displacement_m, now_us)`` sets the displacement of the platform toward the finger [m] (0: retracted)
+    and returns the force that its sensor reads [N], a `Reading`, or None while there is no reading. Optional:
+    ``travel_m`` (default 5 mm), ``max_force_n`` (default 5 N), ``description``, ``status``, and ``report()``, which
+    returns a dictionary.
     """
 
     def __init__(self, made: HasExchange, what: str = "the device") -> None:
-        self.made = made
-        self.what = what
-        self._exchange: Callable[[float, int], Any] = method_of(made, "exchange(displacement_m, now_us)", what)
-        self._method = f"{type(made).__name__}.exchange"
+        super().__init__(made, "exchange(displacement_m, now_us)", what)
         self.travel_m = _positive(made, "travel_m", TRAVEL_M, LARGEST_TRAVEL_M, "m", what)
-        self.max_force_n = _positive(made, "max_force_n", MAX_FORCE_N, LARGEST_FORCE_N, "N", what)
-        self.description = _description(made, what)
         self.least_rate_hz = 0.0  # the user chooses the rate, as that of the master
-        self._has_reading = False
-
-    @property
-    def status(self) -> str:  # type: ignore[override]
-        """What the object says, or whether it gave a reading."""
-        return _status(self.made, "ready" if self._has_reading else "it gives no reading")
+        self._otherwise = "it gives no reading"
 
     def exchange(self, displacement_m: float, now_us: int) -> Reading | None:
         """Set the displacement [m], limited to the travel, and return the newest reading.
 
-        Raises UserCodeError if the object raises, or returns something else than a force, a reading or None.
+        Raise UserCodeError if the object raises, or returns something else than a force, a reading or None.
         """
         set_m = min(max(displacement_m, 0.0), self.travel_m) if math.isfinite(displacement_m) else 0.0
-        try:
-            result = self._exchange(set_m, now_us)
-        except BaseException as error:
-            raise failure(self._method, error) from error
-        self._has_reading = result is not None
+        result = self.called(set_m, now_us)
+        self._otherwise = "it gives no reading" if result is None else "ready"
         if result is None:
             return None
         reading = result if type(result) is Reading else Reading(now_us, 0.0, result, set_m)
         if not (_is_finite(reading.force_n) and _is_finite(reading.displacement_m)):
-            raise UserCodeError(
-                f"{self._method} returned {short(result)}; it must return a finite number [N], a Reading or None"
-            )
+            raise self.refuse(result, "a finite number [N], a Reading or None")
         return reading
 
     def rest(self, now_us: int) -> None:
         """Retract the platform; raise UserCodeError if the object raises."""
         self.exchange(0.0, now_us)
 
-    def report(self) -> dict[str, Any]:
-        """Return what the object reports; nothing if it has no such method."""
-        return _report(self.made)
 
-
-class UserActuator:
+class UserActuator(UserObject):
     """An object of the user's that renders a force by itself, with its results checked.
 
-    `made`: its ``apply(force_n, now_us)`` renders a force [N], 0 or more, and returns the force that is sensed, or None
-    if it senses none. Optional: ``max_force_n`` (default 5 N), ``description``, ``status`` and ``report()``. `what`:
-    what messages call the object.
-
-    Raise SettingsError if ``apply`` cannot be called this way, or an attribute cannot be used.
+    Its ``apply(force_n, now_us)`` renders a force [N], 0 or more, and returns the force that is sensed, or None if it
+    senses none. Optional: ``max_force_n`` (default 5 N), ``description``, ``status`` and ``report()``.
     """
 
     def __init__(self, made: HasApply, what: str = "the device") -> None:
-        self.made = made
-        self.what = what
-        self._apply: Callable[[float, int], Any] = method_of(made, "apply(force_n, now_us)", what)
-        self._method = f"{type(made).__name__}.apply"
-        self.max_force_n = _positive(made, "max_force_n", MAX_FORCE_N, LARGEST_FORCE_N, "N", what)
-        self.description = _description(made, what)
-
-    @property
-    def status(self) -> str:
-        """What the object says, or "ready"."""
-        return _status(self.made, "ready")
+        super().__init__(made, "apply(force_n, now_us)", what)
 
     def apply(self, force_n: float, now_us: int) -> float | None:
         """Render a force [N]; return the force sensed [N], or None.
 
-        Raises UserCodeError if the object raises, or returns something else than a number or None.
+        Raise UserCodeError if the object raises, or returns something else than a number or None.
         """
-        try:
-            result = self._apply(force_n, now_us)
-        except BaseException as error:
-            raise failure(self._method, error) from error
-        if result is None:
-            return None
-        if not _is_finite(result):
-            raise UserCodeError(f"{self._method} returned {short(result)}; it must return a finite number [N] or None")
-        return float(result)
+        result = self.called(force_n, now_us)
+        if result is not None and not _is_finite(result):
+            raise self.refuse(result, "a finite number [N] or None")
+        return None if result is None else float(result)
 
     def rest(self, now_us: int) -> None:
         """Render no force; raise UserCodeError if the object raises."""
         self.apply(0.0, now_us)
-
-    def report(self) -> dict[str, Any]:
-        """Return what the object reports; nothing if it has no such method."""
-        return _report(self.made)
 
 
 def as_user_device(made: Any, what: str = "the device") -> UserDevice | UserActuator:
@@ -168,24 +171,5 @@ def _positive(made: Any, name: str, default: float, largest: float, unit: str, w
     return float(value)
 
 
-def _description(made: Any, what: str) -> str:
-    return _text(attribute_of(made, "description", f"{type(made).__name__} (own device)", what))
-
-
-def _status(made: Any, otherwise: str) -> str:
-    try:
-        return _text(getattr(made, "status", otherwise))
-    except BaseException as error:  # it is for messages only
-        return f"reading status raised {raised(error)}"
-
-
 def _text(value: Any) -> str:
     return shortened(printable(str(value)), LONGEST_TEXT)
-
-
-def _report(made: Any) -> dict[str, Any]:
-    try:
-        # Through JSON, so that nothing in it can spoil the report of the run.
-        return dict(json.loads(json.dumps(made.report(), default=str))) if hasattr(made, "report") else {}
-    except BaseException as error:
-        return {"report": str(failure(f"{type(made).__name__}.report", error))}

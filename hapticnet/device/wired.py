@@ -221,13 +221,7 @@ class WiredDevice(Device):
     servos. `servo`: model of the servos, to estimate their position.
     """
 
-    def __init__(
-        self,
-        calibration: Calibration,
-        *,
-        linkage: Linkage | None = None,
-        servo: Servo | None = None,
-    ) -> None:
+    def __init__(self, calibration: Calibration, *, linkage: Linkage | None = None, servo: Servo | None = None) -> None:
         self._calibration = calibration
         linkage = linkage or Linkage()
         self._setpoints = Setpoints(linkage, servo or Servo())

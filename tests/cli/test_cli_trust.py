@@ -56,11 +56,7 @@ def test_a_master_with_half_of_the_keys_is_told_the_other_half(home, tmp_path):
 
 @pytest.mark.parametrize(
     ("peer", "words"),
-    [
-        ("abc", "--peer-key is 'abc' (3 characters)"),
-        (ZEROS, "is not a public key"),
-        ("own", "is the master's own"),
-    ],
+    [("abc", "--peer-key is 'abc' (3 characters)"), (ZEROS, "is not a public key"), ("own", "is the master's own")],
 )
 def test_a_peer_key_that_cannot_be_is_refused(home, peer, words):
     own = make_key(home / "key.toml")

@@ -9,16 +9,7 @@ from typing import Any
 
 import pytest
 
-from hapticnet.device.messages import (
-    ADC_FRACTION,
-    Flag,
-    Hello,
-    Identity,
-    SensorReading,
-    Setpoint,
-    Stream,
-    StreamAck,
-)
+from hapticnet.device.messages import ADC_FRACTION, Flag, Hello, Identity, SensorReading, Setpoint, Stream, StreamAck
 from hapticnet.device.servos import Linkage
 from hapticnet.errors import SettingsError, UnavailableError
 from hapticnet.runtime import nano as simavr

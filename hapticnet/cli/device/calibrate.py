@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Final, TypeAlias
 import typer
 
 from hapticnet import options
-from hapticnet.cli.device.wired import run_wired
+from hapticnet.cli.device.wired import profile_to_write, run_wired
 
 if TYPE_CHECKING:
     from hapticnet.device.calibration import Fit
@@ -36,7 +36,6 @@ def calibrate(
     import datetime
 
     from hapticnet.cli.console import deliver, write_text
-    from hapticnet.cli.profiles import profile_to_write
     from hapticnet.device.calibration import fit_calibration
     from hapticnet.device.profile import MeasuredCalibration, dump_profile
     from hapticnet.errors import FileError, SettingsError

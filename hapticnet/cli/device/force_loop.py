@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from hapticnet import options
+from hapticnet.cli.device.wired import profile_to_write
 
 if TYPE_CHECKING:
     from hapticnet.device.base import Device
@@ -34,7 +35,6 @@ def tune(
     from dataclasses import asdict
 
     from hapticnet.cli.console import deliver, write_text
-    from hapticnet.cli.profiles import profile_to_write
     from hapticnet.control.force_settings import ForceControlSettings
     from hapticnet.control.hold import LimitSettings
     from hapticnet.control.margins import Actuator, loop_margins
