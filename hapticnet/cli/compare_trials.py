@@ -28,12 +28,8 @@ def scene_trials(
 ) -> "list[Trial]":
     """Return the forces of a scene along the positions of files, or of a scripted hand if there are none.
 
-    Parameters
-    ----------
-    start
-        Where the first position of each file is put, as text of coordinates [m]; None: where it is.
-    reading
-        How to read the files, as for `load_motion`.
+    The first position of each file is put at `start`, as text of coordinates [m]; None: where it is. `reading` says how
+    to read the files, as for `load_motion`.
     """
     import numpy as np
 

@@ -154,11 +154,6 @@ def _play_on_page(page: str, console: "Console", *, seed: int, device: str, code
 
     The browser is a child of this process, which has normal priority; a child of the master would inherit its
     real-time priority.
-
-    Raises
-    ------
-    UnavailableError
-        When a process cannot do its part; repeats what it said.
     """
     from hapticnet.cli.pages import PAGE, address_in
     from hapticnet.codec.registry import split_codec

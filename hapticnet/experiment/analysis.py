@@ -91,11 +91,7 @@ def bytes_per_penetration(slave: Columns, *, contacts: bool = False) -> BytesPer
     """Return the cost of every penetration in a slave's recording.
 
     A penetration starts after the last sample without force or after the previous breach, and ends with the breach.
-
-    Parameters
-    ----------
-    contacts
-        Count contacts instead, from the first sample with a force to the last, for a scene that nothing breaches.
+    With `contacts`, count contacts instead, from the first sample with a force to the last: nothing breaches bodies.
     """
     datagrams = slave["datagram_bytes"]
     wire = np.where(datagrams > 0, datagrams + UDP_IPV4_HEADER_BYTES, 0.0)
@@ -116,16 +112,8 @@ def spent_until(
     """Return what was spent on each penetration, from the touch to the breach.
 
     It starts after the last sample without contact or after the previous breach, and ends with the breach: what is sent
-    while nothing is touched is of no penetration.
-
-    Parameters
-    ----------
-    wire
-        What was spent at each sample, such as bytes, shape (n,).
-    touching
-        Whether the sample is in contact, shape (n,).
-    breaches
-        Numbers of the samples with a breach, in order.
+    while nothing is touched belongs to no penetration. `wire` is what was spent at each sample, such as bytes, and
+    `breaches` are the numbers of the samples with a breach, in order.
     """
     spent = np.concatenate([[0.0], np.cumsum(wire)])
     free = np.flatnonzero(~touching)

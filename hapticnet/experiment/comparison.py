@@ -187,13 +187,9 @@ def felt_report(
     repair_us: int,
     rng: np.random.Generator,
 ) -> tuple[Felt, ErrorReport, float | None]:
-    """Return what the hand feels over a network; see `node.closed_loop.simulate_link`.
+    """Return what is applied over a network, its errors against the true force of each tick, and the energy created.
 
-    Returns
-    -------
-    tuple
-        What was applied, its errors against the true force of each tick, and the share of energy that it creates; None
-        without positions.
+    The energy is a share, and None without positions. See `node.closed_loop.simulate_link`.
     """
     felt = simulate_link(
         codec,

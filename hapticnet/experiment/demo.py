@@ -73,22 +73,9 @@ def play_conditions(
 ) -> list[Played]:
     """Play the same motion under each condition, one after the other, and return what both sides recorded.
 
-    Parameters
-    ----------
-    folder
-        Where recordings and reports of the processes go.
-    scene, axes
-        The scene, as written for ``--scene``, and its axes. On one the hand inserts a needle; on several it palpates,
-        and the device renders the magnitude of the force.
-    codec
-        What compresses the force in all conditions but the first; the paper's is the deadband.
-    announced
-        Whether the slave announces the contact ahead.
-
-    Raises
-    ------
-    UnavailableError
-        When a process cannot do its part; repeats what it said.
+    On one axis the hand inserts a needle; on several it palpates, and the device renders the magnitude of the force.
+    `codec` compresses the force in all conditions but the first; the paper's is the deadband. Recordings and reports of
+    the processes go to `folder`. UnavailableError repeats what a process said that cannot do its part.
     """
     conditions = conditions_with(codec)
     slave_report = folder / "slave.json"
@@ -119,10 +106,7 @@ def disturbances(played: list[Played]) -> str | None:
 def results(played: list[Played], tissues: Sequence[Tissue]) -> list[dict[str, Any]]:
     """Return one row of figures per condition, for the table, the JSON file and the figure.
 
-    Parameters
-    ----------
-    tissues
-        The tissues of the scene that was played; none if it has bodies, whose contacts are counted instead.
+    Without `tissues`, the scene has bodies, whose contacts are counted instead.
     """
     law = WeberLaw(weber_fraction=PAPER_WEBER_FRACTION, floor_n=PAPER_FLOOR_N)
     rows: list[dict[str, Any]] = []

@@ -28,13 +28,7 @@ def spread(first: float, last: float, count: int, *, in_ratios: bool = False) ->
 
 
 def parse_grid(texts: Sequence[str]) -> dict[str, list[float]]:
-    """Return the values of each key of grids written as ``KEY=FROM:TO:COUNT`` (equal steps) or ``KEY=a,b,c``.
-
-    Raises
-    ------
-    SettingsError
-        If a grid does not have that form, or a key comes twice.
-    """
+    """Return the values of each key of grids written as ``KEY=FROM:TO:COUNT`` (equal steps) or ``KEY=a,b,c``."""
     grid: dict[str, list[float]] = {}
     for text in texts:
         key, _, values = (part.strip() for part in text.partition("="))
@@ -51,13 +45,8 @@ def parse_grid(texts: Sequence[str]) -> dict[str, list[float]]:
 def grid_codecs(names: Sequence[str], grid: Mapping[str, Sequence[float]]) -> list[Codec]:
     """Return the codecs written in `names` with every combination of the law and the parameters in a grid.
 
-    A parameter applies to the codecs that have it, except where the name itself fixes it. Raw has no threshold and
-    comes once.
-
-    Raises
-    ------
-    SettingsError
-        If a codec cannot be made, or none of them has a parameter of the grid.
+    A parameter applies to the codecs that have it, except where the name itself fixes it; SettingsError if none has it.
+    Raw has no threshold and comes once.
     """
     plain = [(name, *parse_codec(name)) for name in dict.fromkeys(names)]
     known = {text: codec_parameters(make_codec(name, WeberLaw(), given)) for text, name, given in plain}

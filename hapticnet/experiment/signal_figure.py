@@ -136,13 +136,7 @@ def _shown(signal: Signal, window_s: tuple[float, float]) -> npt.NDArray[np.bool
 
 
 def draw_run(slave: Columns, master: Columns, file: Path, *, codec: str) -> None:
-    """Draw the first insertion of a run from the recordings of both sides, its last breach magnified beside it.
-
-    Parameters
-    ----------
-    codec
-        Codec and threshold for the title, such as "deadband, 1 JND".
-    """
+    """Draw the first insertion of a run from the recordings of both sides, its last breach magnified beside it."""
     at_slave, at_master = matched(slave, master)
     stamps_us = slave["t_us"][at_slave]
     signal = Signal(

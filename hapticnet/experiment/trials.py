@@ -74,12 +74,8 @@ class Trial:
 def scene_trial(scene: Touchable, hand: Operator, *, name: str, rate_hz: float = 1000.0) -> Trial:
     """Return positions and forces as the slave of a perfect channel records them.
 
-    Raises
-    ------
-    SettingsError
-        If hand and scene have different numbers of axes, or the rate is out of range.
-    SampleError
-        If the scene refuses a position, or its force is not finite.
+    SettingsError if hand and scene have different numbers of axes, or the rate is out of range; SampleError if the
+    scene refuses a position, or its force is not finite.
     """
     duration_us = LONGEST_US if hand.duration_us is None else min(hand.duration_us, LONGEST_US)
     check_above("rate", rate_hz, 1e6 / max(duration_us, 1), 1e6, "Hz")
@@ -101,17 +97,7 @@ def paper_trial(
 ) -> Trial:
     """Return positions and forces of scripted insertions into the paper's scene.
 
-    Parameters
-    ----------
-    seed
-        Seed of the order of the tissues and of the hand.
-    insertions
-        Number of insertions; None: as in `motion`.
-
-    Raises
-    ------
-    SettingsError
-        If the seed is negative, the rate does not give one sample per motion to one per µs, or a setting is invalid.
+    The seed is that of the order of the tissues and of the hand; `insertions` takes the place of those of `motion`.
     """
     if insertions is not None:
         motion = replace(motion, insertions=insertions)

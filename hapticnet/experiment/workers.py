@@ -52,16 +52,8 @@ class EndedError(UnavailableError):
 class Pool:
     """Processes that compute `function(shared, item)`. A process that ends is replaced when there is work for it.
 
-    Parameters
-    ----------
-    method
-        "fork", by which `shared` need not be picklable, nor known to any module; or "spawn", which may also be used
-        beside other threads.
-
-    Raises
-    ------
-    SettingsError
-        If `jobs` is outside 1 to `MOST_JOBS`.
+    With the method "fork", `shared` need not be picklable, nor known to any module; "spawn" may also be used beside
+    other threads. SettingsError if `jobs` is out of range.
     """
 
     def __init__(self, jobs: int, function: Function, shared: Any, *, method: str) -> None:
@@ -196,18 +188,8 @@ def end_with_parent(parent: int) -> None:
 def workers(jobs: int, shared: Any) -> Iterator[OrderedMap]:
     """Yield an `OrderedMap` that runs in `jobs` processes; with 1 it runs lazily in this one.
 
-    Parameters
-    ----------
-    shared
-        First argument of every call. On Linux the processes are forked, so it need not be picklable: this is how
-        codecs that the user loaded from a file get there.
-
-    Raises
-    ------
-    SettingsError
-        If `jobs` is outside 1 to `MOST_JOBS`.
-    UnavailableError
-        If a process ends unexpectedly.
+    On Linux the processes are forked, so `shared`, the first argument of every call, need not be picklable: this is how
+    codecs that the user loaded from a file get there. `EndedError` if a process ends unexpectedly.
     """
     if jobs == 1:
         yield lambda function, items: map(partial(function, shared), items)

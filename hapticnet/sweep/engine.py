@@ -4,12 +4,13 @@ import time
 from collections import deque
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from typing import Final, Protocol
+from typing import Any, Final
 
 from hapticnet.errors import FileError, HapticnetError, UnavailableError, in_words
 from hapticnet.experiment.workers import EndedError, Outcome
-from hapticnet.sweep.runs import Cutter, Plan, Runner, Shard, gaps, rows_of
-from hapticnet.sweep.store import Store, origin, shard_bytes
+from hapticnet.sweep.pools import AnyPool
+from hapticnet.sweep.runs import Cutter, Plan, Shard, rows_of
+from hapticnet.sweep.store import Computed, Store, shard_bytes
 
 SHARD_S: Final = 3.0
 """Duration of a shard [s]: long compared with the cost of sending and storing one, and short to wait for."""
@@ -39,53 +40,6 @@ LONGEST_S: Final = 20.0
 """Time [s] after which an estimate tries no further place."""
 
 
-@dataclass(frozen=True, slots=True)
-class Computed:
-    """A shard that was computed: its Parquet file, its runs with an error, and its duration and processor time [s]."""
-
-    shard: Shard
-    content: bytes
-    failed: int
-    first_error: str | None
-    seconds: float
-    cpu_s: float
-
-
-class ShardPool(Protocol):
-    """Workers that compute shards, such as `workers.Pool`; UnavailableError if they are gone."""
-
-    @property
-    def workers(self) -> int:
-        """Number of workers at present."""
-        ...
-
-    @property
-    def room(self) -> int:
-        """How many more shards it should be given now."""
-        ...
-
-    @property
-    def in_hand(self) -> int:
-        """Number of shards it was given and has not returned."""
-        ...
-
-    def submit(self, item: Shard) -> None:
-        """Let a worker compute a shard."""
-        ...
-
-    def outcomes(self, timeout_s: float) -> list[Outcome]:
-        """Wait until something is finished, at most so long, and return it: `Computed`, or an error."""
-        ...
-
-    def drop_waiting(self) -> None:
-        """Take back the shards that nobody computes yet."""
-        ...
-
-    def close(self) -> None:
-        """End the workers at once."""
-        ...
-
-
 @dataclass(slots=True)
 class Progress:
     """How far a sweep is."""
@@ -101,14 +55,14 @@ class Progress:
     failed: int = 0
     """Computed runs that have an error instead of measures."""
     first_error: str | None = None
-    broken: int = 0
+    lost_workers: int = 0
     """How often a worker ended while it computed."""
     poison: list[Shard] = field(default_factory=list)
     """Shards that were given up."""
     first_reason: str | None = None
     """Why the first of them was."""
-    worker_s: float = 0.0
-    worker_cpu_s: float = 0.0
+    worker_seconds: float = 0.0
+    worker_cpu_seconds: float = 0.0
     """Sums of the shards' durations and processor times [s]."""
     seconds: float = 0.0
     """Duration of this sweep so far [s]."""
@@ -135,19 +89,14 @@ class Progress:
         self.shards += 1
         self.failed += computed.failed
         self.first_error = self.first_error or computed.first_error
-        self.worker_s += computed.seconds
-        self.worker_cpu_s += computed.cpu_s
+        self.worker_seconds += computed.seconds
+        self.worker_cpu_seconds += computed.cpu_s
 
 
 class Sizes:
-    """How many runs the next shard has.
+    """How many runs the next shard has: `fixed`, or as many as take `SHARD_S`, and fewer toward the end.
 
-    Parameters
-    ----------
-    fixed
-        Always so many; None: as many as take `SHARD_S`, and fewer toward the end.
-    sharing
-        Otherwise a multiple of this; see `Plan.sharing`.
+    These are multiples of `sharing`; see `Plan.sharing`.
     """
 
     def __init__(self, fixed: int | None = None, sharing: int = 1) -> None:
@@ -178,37 +127,20 @@ class Sizes:
         return max(1, round(runs / self._sharing)) * self._sharing
 
 
-def compute(plan: Plan, runner: Runner, shard: Shard) -> Computed:
-    """Return a shard that is ready to be stored."""
-    began_s, cpu_s = time.perf_counter(), time.thread_time()
-    rows = rows_of(plan, runner, shard)
-    content = shard_bytes(plan.columns, rows, origin(plan.digest, shard))
-    errors = [str(row["error"]) for row in rows if row["error"] is not None]
-    seconds, cpu_s = time.perf_counter() - began_s, time.thread_time() - cpu_s
-    return Computed(shard, content, len(errors), errors[0] if errors else None, seconds, cpu_s)
-
-
 def sweep(
     plan: Plan,
     store: Store,
     there: Sequence[Shard],
-    pool: ShardPool,
+    pool: AnyPool,
     *,
     sizes: Sizes,
     is_stopped: Callable[[], bool] = lambda: False,
     on_progress: Callable[[Progress], None] = lambda _progress: None,
     clock: Callable[[], float] = time.monotonic,
 ) -> Progress:
-    """Compute and store the missing runs of a study.
+    """Compute and store the runs of a study that are not `there` yet.
 
-    Parameters
-    ----------
-    there
-        Shards that are stored already.
-    is_stopped
-        Asked a few times a second; once true, the shards in hand are finished and nothing else is begun.
-    on_progress
-        Called whenever something may have changed.
+    Once `is_stopped`, which is asked a few times a second, the shards in hand are finished and nothing else is begun.
 
     Raises
     ------
@@ -217,7 +149,7 @@ def sweep(
     UnavailableError
         If the workers are gone, or none of them can compute anything.
     """
-    cutter = Cutter(gaps(there, plan.runs))
+    cutter = Cutter(there, plan.runs)
     progress = Progress(runs=plan.runs, done=sum(shard.runs for shard in there))
     again: deque[Shard] = deque()
     attempts: dict[Shard, int] = {}
@@ -230,7 +162,7 @@ def sweep(
             sizes.note(shard.runs, outcome.value.seconds)
             progress.note(outcome.value)
             return
-        progress.broken += 1
+        progress.lost_workers += 1
         attempts[shard] = attempts.get(shard, 0) + 1
         reason = str(outcome.error) if isinstance(outcome.error, HapticnetError) else in_words(outcome.error)
         is_final = isinstance(outcome.error, EndedError) and outcome.error.final
@@ -265,22 +197,8 @@ def sweep(
         progress.seconds = clock() - began_s
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Estimate:
-    """What a study takes: times [s] on workers like this machine, and number and size [B] of its files."""
-
-    timed: int
-    """Number of runs that were timed."""
-    seconds_per_run: float
-    worker_seconds: float
-    seconds: float
-    """Time with all workers [s]."""
-    shards: int
-    bytes: int
-
-
-def estimate(plan: Plan, workers: int, *, shard_runs: int | None = None) -> Estimate:
-    """Run a few runs of a study and return what all of it takes."""
+def estimate(plan: Plan, workers: int, *, shard_runs: int | None = None) -> dict[str, Any]:
+    """Run a few runs of a study and return what all of it takes: times [s], and number and size [B] of its files."""
     each = min(-(-RUNS_EACH // plan.sharing) * plan.sharing, plan.runs)
     last = plan.runs - each
     places = sorted({place * last // (PLACES - 1) // plan.sharing * plan.sharing for place in range(PLACES)})
@@ -292,14 +210,12 @@ def estimate(plan: Plan, workers: int, *, shard_runs: int | None = None) -> Esti
             break
     per_run_s = (time.perf_counter() - began_s) / len(rows)
     shards = -(-plan.runs // (shard_runs or max(1, round(SHARD_S / per_run_s))))
-    content, empty = (
-        len(shard_bytes(plan.columns, some, origin(plan.digest, Shard(0, len(some))))) for some in (rows, [])
-    )
-    return Estimate(
-        timed=len(rows),
-        seconds_per_run=per_run_s,
-        worker_seconds=per_run_s * plan.runs,
-        seconds=per_run_s * plan.runs / workers,
-        shards=shards,
-        bytes=shards * empty + plan.runs * (content - empty) // len(rows),
-    )
+    content, empty = (len(shard_bytes(plan, Shard(0, len(some)), some)) for some in (rows, []))
+    return {
+        "timed": len(rows),
+        "seconds_per_run": per_run_s,
+        "worker_seconds": per_run_s * plan.runs,  # on one worker like this machine
+        "seconds": per_run_s * plan.runs / workers,
+        "shards": shards,
+        "bytes": shards * empty + plan.runs * (content - empty) // len(rows),
+    }

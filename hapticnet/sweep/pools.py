@@ -8,13 +8,12 @@ import time
 import uuid
 import warnings
 from contextlib import suppress
-from typing import Any, Final
+from typing import Any, Final, TypeAlias
 
 from hapticnet.errors import SettingsError, UnavailableError
 from hapticnet.experiment.workers import IN_HAND, EndedError, Outcome, Pool
-from hapticnet.sweep.engine import Computed, compute
 from hapticnet.sweep.runs import Plan, Runner, Shard
-from hapticnet.sweep.store import versions
+from hapticnet.sweep.store import Computed, compute, versions
 
 NEEDS: Final = "--scheduler needs Dask's distributed (extra cluster): pip install distributed"
 
@@ -43,14 +42,9 @@ def local_pool(plan: Plan, workers: int) -> Pool:
 
 
 class ClusterPool:
-    """Workers of the Dask scheduler at tcp://HOST:PORT.
+    """Workers of the Dask scheduler at tcp://HOST:PORT. UnavailableError if it does not answer.
 
     Workers send the bytes of their shards, so no folder is shared. If a worker ends, others compute its shards.
-
-    Raises
-    ------
-    UnavailableError
-        If distributed is not installed, or no scheduler answers.
     """
 
     def __init__(self, plan: Plan, address: str) -> None:
@@ -154,6 +148,9 @@ class ClusterPool:
         with suppress(Exception):  # the old number is good enough
             threads = self._client.sync(self._client.scheduler.ncores, workers=None, callback_timeout=COUNT_S)
             self._workers = sum(threads.values())
+
+
+AnyPool: TypeAlias = Pool | ClusterPool
 
 
 def compute_there(plan: Plan, shard: tuple[int, int], hapticnet: str) -> Computed:

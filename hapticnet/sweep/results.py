@@ -101,15 +101,7 @@ class Summary:
 
 
 def open_results(store: Store) -> Results:
-    """Return the results in a folder.
-
-    Raises
-    ------
-    FileError
-        If it is not the folder of a study, a shard in it is damaged or another study's, or nothing is there yet.
-    UnavailableError
-        If DuckDB is not installed.
-    """
+    """Return the results in a folder; FileError if it has none, or a shard is damaged or another study's."""
     about = store.about()
     if not store.shards(about["study"]):
         raise FileError(f"{store.path}: no shard is finished yet")
@@ -144,14 +136,9 @@ def summary(
     deviations: bool = False,
     where: str | None = None,
 ) -> Summary:
-    """Return mean and quantiles of measures for each group. Runs with errors are left out.
+    """Return mean and quantiles of measures for each group, and with `deviations` the standard deviation over its runs.
 
-    Parameters
-    ----------
-    deviations
-        Whether to add the standard deviation over the runs of a group; None of a single run.
-    where
-        A condition on rows, in SQL.
+    Runs with errors are left out. `where` is a condition on rows, in SQL.
 
     Raises
     ------
@@ -233,12 +220,7 @@ class Drawing:
 def draw(results: Results, drawing: Drawing, file: Path, *, where: str | None = None) -> None:
     """Draw a figure into a file: the mean of each group of runs.
 
-    Raises
-    ------
-    SettingsError
-        If there is no such column, or there are too many panels.
-    UnavailableError
-        If matplotlib is missing.
+    SettingsError if there is no such column, or there are too many panels.
     """
     check_format(file.suffix[1:])
     for option, name in (("--x", drawing.x), ("--y", drawing.y)):

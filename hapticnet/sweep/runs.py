@@ -140,27 +140,22 @@ def rows_of(plan: Plan, runner: Runner, shard: Shard) -> list[Row]:
     return rows
 
 
-def gaps(shards: Iterable[Shard], runs: int) -> list[Shard]:
-    """Return the ranges of 0 … `runs` that no shard covers, in order."""
-    missing, at = [], 0
-    for shard in [*sorted(shards), Shard(runs, runs)]:
-        if shard.first > at:
-            missing.append(Shard(at, min(shard.first, runs)))
-        at = max(at, shard.end)
-    return missing
-
-
 def overlap(shards: Sequence[Shard]) -> tuple[Shard, Shard] | None:
     """Return two shards that have a run in common; None if there are none."""
     return next(((one, other) for one, other in itertools.pairwise(sorted(shards)) if one.end > other.first), None)
 
 
 class Cutter:
-    """Cuts what is missing into shards."""
+    """Cuts the runs that no shard has yet into shards."""
 
-    def __init__(self, missing: Iterable[Shard]) -> None:
-        self._gaps = list(missing)[::-1]
-        self.left = sum(gap.runs for gap in self._gaps)
+    def __init__(self, there: Iterable[Shard], runs: int) -> None:
+        gaps, at = [], 0
+        for shard in [*sorted(there), Shard(runs, runs)]:
+            if shard.first > at:
+                gaps.append(Shard(at, shard.first))
+            at = shard.end
+        self._gaps = gaps[::-1]
+        self.left = sum(gap.runs for gap in gaps)
 
     def cut(self, most: int) -> Shard | None:
         """Return the next shard of at most so many runs; None if nothing is left."""

@@ -73,13 +73,7 @@ def coder_columns(swept: tuple[str, ...]) -> Columns:
 
 
 def coders(axes: LinkAxes) -> tuple[Coder, ...]:
-    """Return the codecs of a study with each of their laws and parameters.
-
-    Raises
-    ------
-    SettingsError
-        If a codec cannot be made, or none of them has a parameter.
-    """
+    """Return the codecs of a study with each of their laws and parameters; SettingsError if one cannot be made."""
     sources = {parse_codec(text)[0]: split_codec(text)[0] for text in axes.codec}
     laws = {key: getattr(axes, key) for key in LAW_KEYS}
     return tuple(
@@ -108,13 +102,7 @@ class Link:
 
 
 def links(axes: LinkAxes) -> tuple[Link, ...]:
-    """Return every combination of the networks of a study.
-
-    Raises
-    ------
-    SettingsError
-        If a part is given both by ``forward`` or ``feedback`` and by an axis of its own.
-    """
+    """Return every combination of the networks of a study; SettingsError if a part of one is given twice."""
     given = (("delay", axes.delay), ("jitter", axes.jitter), ("loss", axes.loss))
     parts = [[f"{key}={value}" for value in values] for key, values in given if values is not None]
     return tuple(
@@ -180,17 +168,8 @@ Source: TypeAlias = Touched | Recorded
 def touched(scene: str, hand: str | None, rate_hz: float, folder: Path) -> Touched:
     """Return a scene, whose path is relative to `folder`, and the hand that touches it.
 
-    Parameters
-    ----------
-    hand
-        "scripted" or "palpation", or one of them with ``:KEY=VALUE,…``; None: the one that suits the scene, once.
-
-    Raises
-    ------
-    SettingsError
-        If there is no such scene, hand or key, a value is out of range, or hand and scene have different axes.
-    FileError
-        If the file of the scene cannot be used.
+    The hand is "scripted" or "palpation", or one of them with ``:KEY=VALUE,…``; None: the one that suits the scene,
+    once. SettingsError if something does not exist, is out of range, or does not fit; FileError for a bad file.
     """
     settings = find_scene(scene, folder)
     axes = make_scene(settings).axes

@@ -7,9 +7,10 @@ import hashlib
 import json
 import platform
 import re
+import time
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from functools import cache
 from importlib.metadata import version
 from pathlib import Path
@@ -19,7 +20,7 @@ from hapticnet.documents import LARGEST_DOCUMENT
 from hapticnet.errors import FileError, SettingsError, UnavailableError
 from hapticnet.experiment.provenance import own_version
 from hapticnet.files import PART, check_folder, locked, read_bytes, read_text, replacing, replacing_bytes
-from hapticnet.sweep.runs import Columns, Plan, Row, Shard, overlap
+from hapticnet.sweep.runs import Plan, Row, Runner, Shard, overlap, rows_of
 
 ABOUT: Final = "sweep.json"
 STUDY: Final = "study.toml"
@@ -34,23 +35,6 @@ LARGEST_SHARD: Final = 256 * 2**20
 """Size limit of a shard [B]; the runs of half a minute take less than 1 MB."""
 
 NEEDS: Final = "hapticnet sweep needs pyarrow and duckdb (extra sweep): pip install pyarrow duckdb"
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Origin:
-    """Provenance of a shard: the digest of its study, its runs, and the versions that computed it."""
-
-    study: str
-    first: int
-    end: int
-    hapticnet: str
-    numpy: str
-    python: str
-
-
-def origin(digest: str, shard: Shard) -> Origin:
-    """Return the origin of a shard that is computed in this process."""
-    return Origin(study=digest, first=shard.first, end=shard.end, **versions())
 
 
 @cache
@@ -69,18 +53,41 @@ def arrow() -> tuple[Any, Any]:
     return pa, parquet
 
 
-def shard_bytes(columns: Columns, rows: list[Row], about: Origin) -> bytes:
-    """Return rows as a Parquet file with zstd compression."""
+def shard_bytes(plan: Plan, shard: Shard, rows: list[Row]) -> bytes:
+    """Return rows as a Parquet file with zstd compression, which says what it belongs to and what computed it."""
     pa, parquet = arrow()
     types = {"int": pa.int64(), "float": pa.float64(), "text": pa.string()}
+    origin = {"study": plan.digest, "first": shard.first, "end": shard.end, **versions()}
     schema = pa.schema(
-        [(name, types[kind]) for name, kind in columns.items()],
-        metadata={METADATA_KEY: json.dumps(asdict(about)).encode()},
+        [(name, types[kind]) for name, kind in plan.columns.items()],
+        metadata={METADATA_KEY: json.dumps(origin).encode()},
     )
     sink = pa.BufferOutputStream()
     parquet.write_table(pa.Table.from_pylist(rows, schema=schema), sink, compression="zstd")
     content: bytes = sink.getvalue().to_pybytes()
     return content
+
+
+@dataclass(frozen=True, slots=True)
+class Computed:
+    """A shard that was computed: its Parquet file, its runs with an error, and its duration and processor time [s]."""
+
+    shard: Shard
+    content: bytes
+    failed: int
+    first_error: str | None
+    seconds: float
+    cpu_s: float
+
+
+def compute(plan: Plan, runner: Runner, shard: Shard) -> Computed:
+    """Return a shard that is ready to be stored."""
+    began_s, cpu_s = time.perf_counter(), time.thread_time()
+    rows = rows_of(plan, runner, shard)
+    content = shard_bytes(plan, shard, rows)
+    errors = [str(row["error"]) for row in rows if row["error"] is not None]
+    seconds, cpu_s = time.perf_counter() - began_s, time.thread_time() - cpu_s
+    return Computed(shard, content, len(errors), errors[0] if errors else None, seconds, cpu_s)
 
 
 def shard_name(shard: Shard, content: bytes) -> str:
@@ -100,28 +107,13 @@ class Store:
 
     @contextmanager
     def held(self) -> Iterator[None]:
-        """Keep other sweeps out of the folder.
-
-        Raises
-        ------
-        FileError
-            If the folder cannot be written.
-        UnavailableError
-            If a sweep is at work in it.
-        """
+        """Keep other sweeps out of the folder; UnavailableError if one is at work in it."""
         check_folder(self.path)
         with locked(self.path / LOCK, UnavailableError(f"{self.path}: another sweep is at work in this folder")):
             yield
 
     def open(self, plan: Plan, text: str, about: Mapping[str, Any]) -> list[Shard]:
-        """Prepare the folder for a plan; return the shards that are there.
-
-        Parameters
-        ----------
-        text
-            The study's file, of which the folder keeps a copy.
-        about
-            What else to note: where and how the sweep was begun.
+        """Prepare the folder for a plan, whose file is copied there; return the shards that are there.
 
         Raises
         ------
@@ -174,19 +166,15 @@ class Store:
     def shards(self, digest: str) -> list[Shard]:
         """Return the shards that are there.
 
-        Raises
-        ------
-        FileError
-            If one is damaged, belongs to another study, or has runs of another one.
+        FileError if one is damaged, belongs to another study, or has runs of another one.
         """
         found: dict[Path, Shard] = {}
         for file in sorted(self.path.glob(SHARDS)):
             named = _SHARD.fullmatch(file.name)
-            about, rows, digest_found = _read_origin(file)
+            study, shard, rows, digest_found = _read_shard(file)
             if named is not None and named[3] != digest_found:
                 raise FileError(f"{file} was changed or damaged; remove it, and its runs are computed again")
-            shard = Shard(about.first, about.end)
-            if about.study != digest:
+            if study != digest:
                 raise FileError(f"{file} belongs to another study; move it elsewhere")
             if named is None or shard != Shard(int(named[1]), int(named[2])) or rows != shard.runs:
                 raise FileError(f"{file} has {rows} rows from run {shard.first} on, which its name does not say")
@@ -220,13 +208,15 @@ class Store:
             )
 
 
-def _read_origin(path: Path) -> tuple[Origin, int, str]:
-    """Return the origin of a shard, its number of rows, and the digest of the file."""
+def _read_shard(path: Path) -> tuple[str, Shard, int, str]:
+    """Return the study and the runs of a shard, its number of rows, and the digest of the file."""
     pa, parquet = arrow()
     content = read_bytes(path, LARGEST_SHARD)
     try:
-        about = parquet.read_metadata(pa.BufferReader(content))
-        return Origin(**json.loads(about.metadata[METADATA_KEY])), int(about.num_rows), _digest_of(content)
+        found = parquet.read_metadata(pa.BufferReader(content))
+        origin = json.loads(found.metadata[METADATA_KEY])
+        shard = Shard(int(origin["first"]), int(origin["end"]))
+        return str(origin["study"]), shard, int(found.num_rows), _digest_of(content)
     except (pa.ArrowException, OSError, KeyError, TypeError, ValueError) as error:
         raise FileError(
             f"{path} is not a whole shard of a study; remove it, and its runs are computed again"

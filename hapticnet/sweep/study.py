@@ -239,15 +239,7 @@ class StudyFile:
 
 
 def read_study(path: Path) -> StudyFile:
-    """Return the study in a TOML file.
-
-    Raises
-    ------
-    FileError
-        If the file cannot be read or is not TOML.
-    SettingsError
-        If a key is unknown or missing, or a value cannot be used.
-    """
+    """Return the study in a TOML file; FileError if it is not TOML, SettingsError for a wrong key or value."""
     text = read_document(path)
     return StudyFile(parse_study(text, str(path)), text, str(path), path.parent)
 

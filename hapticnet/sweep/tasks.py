@@ -67,12 +67,7 @@ LARGEST_SEED: Final = 2**31
 def plan_of(file: StudyFile, repeats: int | None = None) -> Plan:
     """Return the plan of a study, with `repeats` in the place of its own.
 
-    Raises
-    ------
-    SettingsError
-        If a value cannot be used, or there are too many runs.
-    FileError
-        If a file that the study names cannot be used.
+    SettingsError if a value cannot be used or there are too many runs; FileError for a file that it names.
     """
     study = file.study
     if repeats is not None:

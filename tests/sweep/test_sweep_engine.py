@@ -8,10 +8,10 @@ import pytest
 
 from hapticnet.errors import FileError, SettingsError, UnavailableError
 from hapticnet.experiment.workers import EndedError, Outcome
-from hapticnet.sweep.engine import ATTEMPTS, HOPELESS, Progress, Sizes, compute, sweep
+from hapticnet.sweep.engine import ATTEMPTS, HOPELESS, Progress, Sizes, sweep
 from hapticnet.sweep.pools import local_pool
 from hapticnet.sweep.runs import Shard, rows_of
-from hapticnet.sweep.store import Store, shard_name
+from hapticnet.sweep.store import Store, compute, shard_name
 from hapticnet.sweep.study import read_study
 from hapticnet.sweep.tasks import plan_of
 
@@ -136,7 +136,7 @@ def test_a_shard_whose_worker_ends_each_time_is_marked_and_the_others_are_comput
 
 def test_a_shard_whose_worker_ends_twice_is_computed_the_third_time(plan, truth, rows, tmp_path):
     done = swept(plan, tmp_path / "out", HerePool(plan, poison=[21], most_breaks=2), shard=4)
-    assert (done.broken, done.poison) == (2, [])
+    assert (done.lost_workers, done.poison) == (2, [])
     assert rows(tmp_path / "out") == truth
 
 
@@ -247,5 +247,5 @@ def test_a_run_that_ends_its_process_costs_its_own_shard_only(write_study, rows,
         done = swept(plan, tmp_path / "out", pool, shard=4)
     finally:
         pool.close()
-    assert (done.done, done.broken, done.poison) == (4, ATTEMPTS, [Shard(4, 8)])
+    assert (done.done, done.lost_workers, done.poison) == (4, ATTEMPTS, [Shard(4, 8)])
     assert [row["run"] for row in rows(tmp_path / "out")] == [0, 1, 2, 3]

@@ -6,7 +6,7 @@ import pytest
 
 from hapticnet.codec.registry import every_codec
 from hapticnet.errors import HapticnetError
-from hapticnet.sweep.runs import Cutter, Grid, Shard, gaps, overlap
+from hapticnet.sweep.runs import Cutter, Grid, Shard, overlap
 from hapticnet.sweep.study import parse_study, read_study
 from hapticnet.sweep.tasks import plan_of
 
@@ -143,7 +143,7 @@ def test_a_grid_numbers_every_combination_once_with_the_last_axis_fastest():
 
 def test_what_is_missing_is_cut_without_gaps_and_overlaps():
     there = [Shard(3, 5), Shard(9, 12)]
-    cutter = Cutter(gaps(there, 20))
+    cutter = Cutter(there, 20)
     cut = []
     while (shard := cutter.cut(2)) is not None:
         cut.append(shard)

@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from types import FrameType
-from typing import TYPE_CHECKING, Annotated, Any, Final
+from typing import TYPE_CHECKING, Annotated, Final
 
 import typer
 
@@ -16,8 +16,15 @@ from hapticnet import options
 from hapticnet.cli.console import Console
 
 if TYPE_CHECKING:
-    from hapticnet.sweep.engine import Progress, ShardPool
+    from hapticnet.sweep.engine import Progress
+    from hapticnet.sweep.pools import AnyPool
     from hapticnet.sweep.runs import Plan
+
+ACCOUNT: Final = (
+    "runs", "done", "computed", "failed", "first_error", "shards", "lost_workers", "poison", "seconds", "runs_per_s",
+    "worker_seconds", "worker_cpu_seconds",
+)  # fmt: skip
+"""What is reported of the progress at the end."""
 
 LINE_S: Final = 30.0
 """Time [s] between two lines where there is no terminal."""
@@ -51,8 +58,6 @@ def run(
     The numbers do not depend on --jobs and --shard. Ctrl-C finishes the shards under way; run the same command
     again to go on.
     """
-    from dataclasses import asdict
-
     from hapticnet.checks import check_integer
     from hapticnet.cli.console import check_outputs, deliver
     from hapticnet.errors import SettingsError, UnavailableError
@@ -73,7 +78,7 @@ def run(
     cores = len(os.sched_getaffinity(0)) if jobs is None else jobs
     if dry_run:
         counts = {"combinations": plan.cells, "repeats": plan.repeats, "runs": plan.runs, "workers": cores}
-        found = asdict(engine.estimate(plan, cores, shard_runs=shard))
+        found = engine.estimate(plan, cores, shard_runs=shard)
         deliver({"study": plan.name, **counts, **found}, as_json=json, file=report)
         return
     if out_dir is None:
@@ -102,7 +107,10 @@ def run(
             )
         if progress.stopped:
             console.say(f"stopped with {progress.done:,} of {progress.runs:,} runs; the same command goes on")
-        deliver(_account(plan, out_dir, progress), as_json=json, file=report)
+        account = {key: getattr(progress, key) for key in ACCOUNT}
+        account["poison"] = [f"{shard.first}-{shard.end}" for shard in progress.poison]
+        about = {"study": plan.name, "digest": plan.digest, "folder": str(out_dir)}
+        deliver({**about, **account, "complete": progress.done == progress.runs}, as_json=json, file=report)
     if progress.stopped and taken:
         raise typer.Exit(128 + taken[0])
     if progress.poison:
@@ -112,7 +120,7 @@ def run(
         )
 
 
-def _pool(plan: "Plan", jobs: int, scheduler: str | None) -> "ShardPool":
+def _pool(plan: "Plan", jobs: int, scheduler: str | None) -> "AnyPool":
     from hapticnet.sweep.pools import ClusterPool, local_pool
 
     return local_pool(plan, jobs) if scheduler is None else ClusterPool(plan, scheduler)
@@ -171,8 +179,8 @@ def _state(progress: "Progress") -> str:
         parts.append(f"{_time(progress.left_s)} left")
     if progress.failed:
         parts.append(f"{progress.failed:,} failed")
-    if progress.broken:
-        parts.append(f"{progress.broken} workers lost")
+    if progress.lost_workers:
+        parts.append(f"{progress.lost_workers} workers lost")
     return ", ".join(parts)
 
 
@@ -180,24 +188,3 @@ def _time(seconds: float) -> str:
     minutes, rest = divmod(round(seconds), 60)
     hours, minutes = divmod(minutes, 60)
     return f"{hours} h {minutes} min" if hours else f"{minutes} min {rest} s" if minutes else f"{rest} s"
-
-
-def _account(plan: "Plan", out: Path, found: "Progress") -> dict[str, Any]:
-    return {
-        "study": plan.name,
-        "digest": plan.digest,
-        "folder": str(out),
-        "runs": found.runs,
-        "done": found.done,
-        "computed": found.computed,
-        "failed": found.failed,
-        "first_error": found.first_error,
-        "shards": found.shards,
-        "lost_workers": found.broken,
-        "poison": [f"{shard.first}-{shard.end}" for shard in found.poison],
-        "seconds": found.seconds,
-        "runs_per_s": found.runs_per_s,
-        "worker_seconds": found.worker_s,
-        "worker_cpu_seconds": found.worker_cpu_s,
-        "complete": found.done == found.runs,
-    }
