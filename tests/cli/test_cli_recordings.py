@@ -127,18 +127,10 @@ def test_an_export_that_cannot_be_meant_is_refused(run, recording, arguments, me
 @pytest.mark.parametrize(
     ("name", "words"),
     [
-        (
-            "force.csv",
-            "not a recording of hapticnet: that is a .mcap or .npz file, or a .csv file with force.about.json",
-        ),
-        (
-            "notes.txt",
-            "not a recording of hapticnet: that is a .mcap or .npz file, or a .csv file with notes.about.json",
-        ),
-        ("noise.bin", "not a recording of hapticnet"),
-        ("array.npz", "not a recording of hapticnet; its arrays are x"),
+        ("force.csv", f"{NONE}: that is a .mcap or .npz file, or a .csv file with force.about.json"),
+        ("noise.bin", NONE),
+        ("array.npz", f"{NONE}; its arrays are x"),
         ("run.events.csv", "a part of a recording; name its main file, "),
-        ("run.datagrams.csv", "a part of a recording; name its main file, "),
         ("gone.csv", "No such file"),
     ],
 )
@@ -146,7 +138,6 @@ def test_an_export_that_cannot_be_meant_is_refused(run, recording, arguments, me
 def test_an_export_of_what_is_no_recording_says_so_and_writes_nothing(run, tmp_path, name, words, form):
     write_session(tmp_path / "run.csv", ticks=10)
     (tmp_path / "force.csv").write_text("t_s,force_n\n0,1\n0.001,2\n")
-    (tmp_path / "notes.txt").write_text("Not a table.")
     (tmp_path / "noise.bin").write_bytes(bytes(range(256)))
     np.savez(tmp_path / "array.npz", x=np.arange(3))
     before = sorted(tmp_path.iterdir())

@@ -1,21 +1,43 @@
 """A recording whose writer was killed, or that is cut off or damaged anywhere, gives back what is whole."""
 
+import json
 import os
 import random
 import shutil
+from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import numpy as np
 import pytest
 from mcap.reader import make_reader
 
 from hapticnet.errors import FileError, HapticnetError
+from hapticnet.recordings.session.export import export
 from hapticnet.recordings.session.reading import read_session
-from hapticnet.recordings.session.recovery import recover_file
+from hapticnet.recordings.session.recovery import recover_file, refuse_if_recorded
 from hapticnet.recordings.session.sink import UNFINISHED
-from tests.recordings.session_cases import EVENTS, LIVE, begin, give_rows, make_archive, tick_rows, write_session
+from tests.recordings.session_cases import (
+    EVENTS,
+    LIVE,
+    SUFFIXES,
+    begin,
+    datagram_rows,
+    give_rows,
+    make_archive,
+    tick_rows,
+    write_session,
+)
 
 CUTS = 1000
+FLIPS = 60
 BATCH = 20
+
+
+def left_behind(tmp_path, suffix, ticks=300):
+    """Return a recording whose writer was killed, in a folder of its own."""
+    write_session(tmp_path / f"run{suffix}", ticks=ticks, finish=False)
+    shutil.copytree(tmp_path, tmp_path / "copy", ignore=shutil.ignore_patterns("copy"))
+    return tmp_path / "copy" / f"run{suffix}{UNFINISHED}"
 
 
 @pytest.fixture(scope="module")
@@ -107,39 +129,22 @@ def test_a_complete_file_needs_no_recovery(tmp_path, whole):
 
 @pytest.mark.parametrize("suffix", LIVE)
 def test_what_a_killed_writer_left_becomes_a_complete_recording(tmp_path, suffix):
-    path = tmp_path / "copy" / f"run{suffix}"
-    rows = write_session(tmp_path / f"run{suffix}", ticks=300, finish=False)
-    (tmp_path / "copy").mkdir()
-    for file in tmp_path.glob("run.*"):  # a copy, since this process still has the originals open
-        shutil.copy(file, tmp_path / "copy" / file.name)
+    path = left_behind(tmp_path, suffix)
     with pytest.raises(FileError, match=f"hapticnet recover .*{UNFINISHED}"):
-        read_session(path)
-    done = recover_file(path)
-    assert (done.path, done.was_complete) == (path, False)
-    session = read_session(path)
+        read_session(path.with_name(f"run{suffix}"))
+    done = recover_file(path.with_name(f"run{suffix}"))
+    assert (done.path, done.count, done.was_complete) == (path.with_name(f"run{suffix}"), 300, False)
+    session = read_session(done.path)
     assert [tuple(event) for event in session.events] == EVENTS
-    np.testing.assert_array_equal(session.main["held_n"], rows["tick"][:, 3])
-    np.testing.assert_array_equal(session.tables["datagram"]["t_us"], rows["datagram"][:, 0])
-    assert not list((tmp_path / "copy").glob("*.unfinished*"))
+    np.testing.assert_array_equal(session.main["held_n"], tick_rows(300)[:, 3])
+    np.testing.assert_array_equal(session.tables["datagram"]["t_us"], datagram_rows(600)[:, 0])
+    assert not list(path.parent.glob("*.unfinished*"))
 
 
 def test_a_row_that_was_not_written_completely_is_left_out(tmp_path):
     path = left_behind(tmp_path, ".csv")
     path.write_bytes(path.read_bytes()[:-5])
     assert recover_file(path).count == 299
-
-
-@pytest.mark.parametrize("suffix", LIVE)
-def test_a_recording_that_is_being_written_is_left_alone(tmp_path, suffix):
-    said: list[str] = []
-    archive = make_archive(said)
-    begin(archive, tmp_path / f"run{suffix}")
-    give_rows(archive, tick_rows(10))
-    archive.flush()
-    with pytest.raises(FileError, match="still being written"):
-        recover_file(tmp_path / f"run{suffix}")
-    archive.finish()
-    assert len(read_session(tmp_path / f"run{suffix}").main["t_us"]) == 10
 
 
 @pytest.mark.parametrize(
@@ -172,13 +177,6 @@ def test_an_existing_file_is_not_replaced(tmp_path, whole):
     assert recover_file(path, tmp_path / "other.mcap").count > 0
 
 
-def left_behind(tmp_path, suffix, ticks=300):
-    """Return a recording whose writer was killed, in a folder of its own."""
-    write_session(tmp_path / f"run{suffix}", ticks=ticks, finish=False)
-    shutil.copytree(tmp_path, tmp_path / "copy", ignore=shutil.ignore_patterns("copy"))
-    return tmp_path / "copy" / f"run{suffix}{UNFINISHED}"
-
-
 @pytest.mark.parametrize(
     "name",
     ["run.csv.unfinished", "run.events.csv.unfinished", "run.about.json.unfinished", "run.mcap.unfinished"],
@@ -194,3 +192,85 @@ def test_a_link_or_a_pipe_in_the_place_of_a_file_is_refused_and_nothing_is_chang
         recover_file(path)
     assert precious.stat() == before
     assert path.exists()
+
+
+@pytest.mark.parametrize("suffix", SUFFIXES)
+def test_flipped_bits_are_refused_in_one_line_or_harm_nothing(tmp_path, suffix):
+    path = tmp_path / f"run{suffix}"
+    write_session(path, ticks=100)
+    whole, rng = path.read_bytes(), np.random.default_rng(5)
+    refused: list[str] = []
+    for flip in range(FLIPS):
+        data = bytearray(whole)
+        for at in rng.integers(len(data), size=1 + flip % 8):
+            data[at] ^= 1 << rng.integers(8)
+        path.write_bytes(data)
+        try:
+            export(read_session(path), tmp_path / "again.mcap")
+        except FileError as error:
+            refused.append(str(error))
+    assert not any("\n" in message for message in refused)
+    assert len(refused) > (0 if suffix == ".mcap" else FLIPS // 2)  # of an .mcap file, the other chunks are whole
+
+
+def test_a_numpy_archive_whose_arrays_do_not_fit_together_is_refused(tmp_path):
+    path = tmp_path / "run.npz"
+    write_session(path, ticks=100)
+    with np.load(path) as arrays:
+        whole = dict(arrays)
+    for damage, message in (
+        ({"held_n": whole["held_n"][:50]}, "the columns of its table of ticks do not fit together"),
+        ({"held_n": np.array(["1"] * 100)}, "the columns of its table of ticks do not fit together"),
+        ({"other.direction": np.zeros(3)}, "its table of others has no times"),
+        ({"t_us": whole["t_us"] * 10**12}, "the times of its table of ticks are out of range"),
+        ({"events": np.array(json.dumps([["now", "Connected", ""]]))}, "not a recording of hapticnet"),
+    ):
+        np.savez(path, **{**whole, **damage})
+        with pytest.raises(FileError, match=message):
+            read_session(path)
+    for offset_us in (-(10**17), 10**17):
+        about = json.loads(str(whole["about"])) | {"unix_offset_us": offset_us}
+        np.savez(path, **{**whole, "about": np.array(json.dumps(about))})
+        with pytest.raises(FileError, match="MCAP has no times before 1970 or after 2554"):
+            export(read_session(path), tmp_path / "far.mcap")
+    about = json.loads(str(whole["about"])) | {"unix_offset_us": 10**30}
+    np.savez(path, **{**whole, "about": np.array(json.dumps(about))})
+    assert read_session(path).unix_offset_us == 0
+
+
+@pytest.mark.parametrize("suffix", LIVE)
+def test_a_recording_that_is_being_written_is_left_alone_and_so_is_its_name(tmp_path, suffix):
+    path = tmp_path / f"run [1]{suffix}"
+    refuse_if_recorded(path)
+    archive = make_archive([])
+    begin(archive, path)
+    give_rows(archive, tick_rows(10))
+    archive.flush()
+    for refuse in (refuse_if_recorded, recover_file):
+        with pytest.raises(FileError, match="is still being written"):
+            refuse(path)
+    archive.finish()
+    refuse_if_recorded(path)
+    assert len(read_session(path).main["t_us"]) == 10
+
+
+def test_what_is_no_file_is_refused_without_waiting_for_it(tmp_path):
+    pipe = tmp_path / "pipe.mcap"
+    os.mkfifo(pipe)
+    for path in (pipe, Path("/dev/zero"), Path("/dev/null"), Path()):
+        with pytest.raises(FileError, match=r"expected a regular file|can be recovered"):
+            recover_file(path, tmp_path / "out.mcap")
+        with pytest.raises(FileError, match=r"expected a regular file"):
+            read_session(path)
+
+
+@pytest.mark.parametrize("suffix", LIVE)
+def test_a_recording_can_be_recovered_to_another_disk(tmp_path, suffix):
+    path = left_behind(tmp_path, suffix)
+    with TemporaryDirectory(dir="/dev/shm") as other:
+        if os.stat(other).st_dev == os.stat(tmp_path).st_dev:
+            pytest.skip("there is only one file system")
+        target = Path(other) / f"run{suffix}"
+        assert recover_file(path, target).count == 300
+        assert len(read_session(target).main["t_us"]) == 300
+        assert not list(path.parent.iterdir())
