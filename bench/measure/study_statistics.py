@@ -18,10 +18,11 @@ import numpy as np
 
 from hapticnet.errors import SettingsError
 from hapticnet.experiment.provenance import provenance
-from hapticnet.study.limits import Question, draw_limits, procedure_of
 from hapticnet.study.observers import OBSERVERS, Observer
 from hapticnet.study.plan import LimitsPlan, Plan
 from hapticnet.study.power import ShareAnswers
+from hapticnet.study.procedure import Procedure, Question
+from hapticnet.study.schedule import LimitsSchedule
 from hapticnet.study.statistics import chance_variance, leaving_point, mean_interval, share_interval, wilson
 from hapticnet.study.weber import fit, participant_file
 
@@ -74,6 +75,11 @@ SUBJECTS: Final[dict[str, tuple[str, Subject]]] = {
 }
 
 
+def _procedure(plan: Plan, number: int) -> Procedure:
+    schedule = LimitsSchedule.draw(plan, f"{number}", 1, 1)
+    return Procedure(plan.limits, schedule.series, schedule.intervals)
+
+
 def rules(people: int) -> list[dict[str, Any]]:
     """Return, for each kind of participant, how many the rules of the default plan exclude, and the JND of the others.
 
@@ -85,7 +91,7 @@ def rules(people: int) -> list[dict[str, Any]]:
         excluded, by_series, kept, pairs = 0, 0, [], []
         for number in range(1, people + 1 if method == "ascending" else people // 5 + 1):
             rng = np.random.default_rng([9, number, len(rows)])
-            procedure = procedure_of(plan, draw_limits(plan, f"{number}", 1, 1), [])
+            procedure = _procedure(plan, number)
             answer, alarmed = subject(rng), set()
             asked = 0
             while (question := procedure.question()) is not None:
@@ -131,7 +137,7 @@ def jnd_intervals(people: int) -> list[dict[str, Any]]:
             for number in range(1, people + 1):
                 rng = np.random.default_rng([10, number, len(rows)])
                 observer = Observer(replace(OBSERVERS["literature"], criterion=criterion), rng)
-                procedure = procedure_of(plan, draw_limits(plan, f"{number}", 1, 1), [])
+                procedure = _procedure(plan, number)
                 while (question := procedure.question()) is not None:
                     procedure.answer("different" if observer.different(*question.forces_n) else "same")
                 fits.append(fit(procedure.by_reference()))

@@ -12,8 +12,9 @@ from typing import Any, Final, Generic
 
 from hapticnet.study import screens
 from hapticnet.study.plan import ASK, LimitsPlan, OrderPlan, Plan, QuestionPlan
-from hapticnet.study.rig import Activity, Fault, Meet, Outcome
+from hapticnet.study.rig import LIFTED, Activity, Fault, Meet, Outcome
 from hapticnet.study.rows import AnyRow, Event, answers_about
+from hapticnet.study.schedule import Schedule
 from hapticnet.study.screens import Screen, ScreenKind, Screens
 
 NO_CONSENT: Final = "no consent"
@@ -26,24 +27,22 @@ CALM_US: Final = 1_000_000
 
 
 class Flow(ABC, Generic[AnyRow]):
-    """What is common to both parts of a study.
+    """What is common to both tasks of a study.
 
     Parameters
     ----------
     plan
         The plan, with what the participant reads.
-    part
-        What it says of this part.
+    schedule
+        The schedule of the session, a `schedule_kind`.
     rows
         Rows of earlier runs of this session.
     now_us
         Time [µs] at which this run begins.
     constants
-        Values of columns that are the same in all rows: participant, session, observer and device.
+        Values of columns that are the same in all rows: participant, session, observer, device, and those of the law.
     questions
         What is asked about the participant after the consent.
-    instructions
-        Text of the first screen.
 
     Attributes
     ----------
@@ -60,16 +59,18 @@ class Flow(ABC, Generic[AnyRow]):
     """
 
     kind: type[AnyRow]
+    schedule_kind: type[Schedule]
+    item: str  # what is presented: a trial or a pair
+    _part: OrderPlan | LimitsPlan
 
     def __init__(
         self,
         plan: Plan,
-        part: OrderPlan | LimitsPlan,
+        schedule: Any,
         rows: Sequence[AnyRow],
         now_us: int,
         constants: dict[str, Any],
-        questions: Sequence[QuestionPlan],
-        instructions: str,
+        questions: Sequence[QuestionPlan] = (),
     ) -> None:
         self.rows = list(rows)
         self.deepest_m: float | None = None
@@ -78,7 +79,7 @@ class Flow(ABC, Generic[AnyRow]):
         self.answered = False
         self.activity: Activity | None = None
         self._plan = plan
-        self._part = part
+        self._schedule = schedule
         self._constants = constants
         self._questions = questions
         self._screens = Screens(plan.texts)
@@ -92,7 +93,7 @@ class Flow(ABC, Generic[AnyRow]):
         self._met = False
         self._failed_meetings = 0
         self._abort: str | None = None
-        again = any(row.event == "consent" for row in rows)
+        self._prepare()
         if any(row.event == "end" for row in rows):
             self._finish()
             return
@@ -101,7 +102,9 @@ class Flow(ABC, Generic[AnyRow]):
             self._fresh.append(self.rows[-1])
             self._earlier += 1
         self._emit("begin", now_us, text="resumed" if rows else None)
-        self.screen = self._screens.instructions(instructions, again=again)
+        title = "again" if any(row.event == "consent" for row in rows) else "instructions"
+        text = plan.texts.instructions[self._instructions]
+        self.screen = self._screens.make(ScreenKind.INSTRUCTIONS, title, "go_on", "end", text=text)
 
     @property
     def declined(self) -> bool:
@@ -163,17 +166,28 @@ class Flow(ABC, Generic[AnyRow]):
     def complete(self, outcome: Outcome, now_us: int) -> None:
         """Take what came of the activity."""
         activity, self.activity = self.activity, None
-        abort, self._abort = self._abort, None
+        reason, self._abort = self._abort, None
         self.answered = False
-        if abort is not None or (isinstance(outcome, Fault) and outcome.lost):
+        if reason is not None or (isinstance(outcome, Fault) and outcome.lost):
             self._met = False
+        why = "stopped"
+        failure = outcome.reason if isinstance(outcome, Fault) else getattr(outcome, "failure", None)
+        if reason is None and failure is not None:
+            reason, why = failure, "lifted" if failure == LIFTED else "fault"
         if isinstance(activity, Meet):
-            self._complete_meeting(outcome, abort, now_us)
+            self._complete_meeting(outcome, reason, "stopped" if why == "stopped" else "unmet", now_us)
         elif activity is not None:
-            self._complete_activity(activity, outcome, abort, now_us)
+            event: Event = "aborted"
+            values = self._values(outcome)
+            if reason is None:
+                event, reason, why = self._judge(outcome, values)
+            if reason is None:
+                self._accept(values, now_us)
+                return
+            self._emit(event, now_us, since_us=self._shown_us, reason=reason, **values)
+            self._repeat(values["this_n"], reason, why, now_us)
 
-    def _complete_meeting(self, outcome: Outcome, abort: str | None, now_us: int) -> None:
-        reason = abort or (outcome.reason if isinstance(outcome, Fault) else None)
+    def _complete_meeting(self, outcome: Outcome, reason: str | None, why: str, now_us: int) -> None:
         if reason is None:
             self._met = True
             self._failed_meetings = 0
@@ -186,18 +200,22 @@ class Flow(ABC, Generic[AnyRow]):
         if self._failed_meetings >= self._part.most_attempts:
             self._stop(reason)
         else:
-            self._show(self._screens.repeat(self._why["unmet" if abort is None else "stopped"], now_us), now_us)
+            self._show(self._screens.repeat(self._why[why], now_us), now_us)
 
     def _go_on(self, now_us: int) -> None:
         """Show what comes next."""
         if not any(row.event == "consent" for row in self.rows):
             if self._plan.consent == ASK:
-                self._show(self._screens.consent(), now_us)
+                text = self._plan.texts.agreement
+                self._show(self._screens.make(ScreenKind.CONSENT, "consent", "agree", "disagree", text=text), now_us)
                 return
             self._emit("consent", now_us, text=self._plan.consent)
         unasked = self._unasked()
         if unasked:
-            self._show(self._screens.about(unasked[0].text, unasked[0].choices), now_us)
+            choices = [(str(number), choice) for number, choice in enumerate(unasked[0].choices, start=1)]
+            text = unasked[0].text
+            screen = self._screens.make(ScreenKind.ABOUT, "about", "prefer_not", "end", text=text, choices=choices)
+            self._show(screen, now_us)
         else:
             self._next(now_us)
 
@@ -209,17 +227,18 @@ class Flow(ABC, Generic[AnyRow]):
     def _conclude(self, *, halted: bool) -> None:
         """Let the activity come to its end; the participant sees at once that the key was taken."""
         self.answered = True
-        self.screen = self._screens.moment(halted=halted)
+        text = self._plan.texts.screens["halt_text" if halted else "moment_text"]
+        self.screen = self._screens.make(ScreenKind.MOMENT, "moment", text=text)
 
-    def _repeat(self, number: int, begun: str, reason: str, why: str, now_us: int) -> None:
-        """Let trial `number` come again, or stop if it was begun in vain too often in this run.
+    def _repeat(self, number: int, reason: str, why: str, now_us: int) -> None:
+        """Let the item come again, or stop if it was begun in vain too often in this run.
 
         Earlier runs do not count: they may have had another device.
         """
         self._met = False  # who knows where the finger is now?
         attempts = self._attempts(number, self.rows[self._earlier :])
         if attempts >= self._part.most_attempts:
-            self._stop(f"{begun} {attempts} times in vain; the last time: {reason}")
+            self._stop(f"{self.item} {number} was begun {attempts} times in vain; the last time: {reason}")
         else:
             self._show(self._screens.repeat(self._why[why], now_us), now_us)
 
@@ -228,11 +247,18 @@ class Flow(ABC, Generic[AnyRow]):
         """Return how often trial `number` was begun in vain."""
         return sum(row.this_n == number and row.event in ("aborted", "repeated") for row in rows)
 
+    def _perform(self, screen: Screen, activity: Activity, now_us: int) -> None:
+        """Let the rig present an item, once the platform has met the finger."""
+        self._emit("started", now_us, **self._values(None))
+        self._show(screen, now_us, activity)
+
     def _meet(self, now_us: int) -> None:
-        self._show(self._screens.meeting(), now_us, Meet())
+        self._show(self._screens.make(ScreenKind.MEET, "meet", "stop"), now_us, Meet())
 
     def _pause(self, now_us: int) -> None:
-        self._show(self._screens.pause(now_us + round(1e6 * self._part.break_s), self._progress()), now_us)
+        ends_us, progress = now_us + round(1e6 * self._part.break_s), self._progress()
+        screen = self._screens.make(ScreenKind.BREAK, "pause", "go_on", "end", progress=progress, not_before_us=ends_us)
+        self._show(screen, now_us)
 
     @property
     def _breaks(self) -> int:
@@ -251,14 +277,14 @@ class Flow(ABC, Generic[AnyRow]):
     def _finish(self) -> None:
         self.done = True
         self.activity = None
-        self.screen = self._screens.done()
+        self.screen = self._screens.make(ScreenKind.DONE, "done")
 
     def _stop(self, reason: str) -> None:
         """Interrupt the session: it can go on later."""
         self.done = True
         self.activity = None
         self.failure = reason
-        self.screen = self._screens.stopped()
+        self.screen = self._screens.make(ScreenKind.STOPPED, "interrupted")
 
     def _emit(self, event: Event, now_us: int, *, since_us: int | None = None, **values: Any) -> AnyRow:
         """Store a row; `since_us` is when its event began."""
@@ -274,14 +300,34 @@ class Flow(ABC, Generic[AnyRow]):
         self._fresh.append(row)
         return row
 
+    @property
+    @abstractmethod
+    def _instructions(self) -> str:
+        """Name of the text of the first screen."""
+
+    @abstractmethod
+    def _prepare(self) -> None:
+        """Set up what depends on plan, schedule and rows."""
+
     @abstractmethod
     def _next(self, now_us: int) -> None:
         """Show what comes next, once there is consent."""
 
     @abstractmethod
     def _take_key(self, key: str, now_us: int) -> None:
-        """Take a key that only this part of the study has."""
+        """Take a key that only this task has."""
 
     @abstractmethod
-    def _complete_activity(self, activity: Activity, outcome: Outcome, abort: str | None, now_us: int) -> None:
-        """Take what came of an activity that only this part of the study has."""
+    def _values(self, outcome: Outcome | None) -> dict[str, Any]:
+        """Return the columns of the present item: those known before it, and those of what came of it."""
+
+    @abstractmethod
+    def _judge(self, outcome: Outcome, values: dict[str, Any]) -> tuple[Event, str | None, str]:
+        """Return event, reason and the text of why, if an item without a fault does not count; else None as reason.
+
+        Adds the columns of an answer to `values`.
+        """
+
+    @abstractmethod
+    def _accept(self, values: dict[str, Any], now_us: int) -> None:
+        """Take an item that counts."""

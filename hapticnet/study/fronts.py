@@ -22,11 +22,11 @@ from hapticnet.errors import UnavailableError
 from hapticnet.runtime.system import now_us
 from hapticnet.study import screens
 from hapticnet.study.flow import Flow
-from hapticnet.study.limits import LimitsFlow
 from hapticnet.study.observers import Look, Observer, ObserverSettings, contacts
 from hapticnet.study.rig import Outcome, Rig
 from hapticnet.study.rows import AnyRow
 from hapticnet.study.screens import Screen, ScreenKind, question_of
+from hapticnet.study.tasks import LimitsFlow
 from hapticnet.study.texts import Texts
 from hapticnet.study.trial import Played
 
@@ -252,16 +252,16 @@ class SimulatedFront:
     ----------
     settings
         The observer; differences between participants are drawn from the seed.
+    key
+        Seed, number of the participant, and number of the session.
     waits
         Whether an observer takes its time, which costs nothing in virtual time.
     """
 
-    def __init__(
-        self, settings: ObserverSettings, rig: Rig, *, seed: int, participant: int, session: int, waits: bool
-    ) -> None:
-        self._settings = settings.of_participant(np.random.default_rng([seed, participant, 20]))
+    def __init__(self, settings: ObserverSettings, rig: Rig, key: tuple[int, int, int], *, waits: bool) -> None:
+        self._settings = settings.of_participant(np.random.default_rng([*key[:2], 20]))
         self._rig = rig
-        self._key = seed, participant, session, 21
+        self._key = *key, 21
         self._waits = waits
         self._felt: list[Look] = []
 

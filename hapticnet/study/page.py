@@ -22,7 +22,7 @@ from hapticnet.scene.settings import SceneSettings
 from hapticnet.study import screens
 from hapticnet.study.flow import Flow
 from hapticnet.study.fronts import KeyFront, Stop
-from hapticnet.study.rig import Activity, Outcome, Play, Rig
+from hapticnet.study.rig import Activity, Outcome, Rig
 from hapticnet.study.rows import AnyRow
 from hapticnet.study.screens import Screen, ScreenKind
 from hapticnet.study.texts import Texts
@@ -65,7 +65,7 @@ class SeenHand:
         return taken
 
 
-class ParticipantPage(Audience):
+class ParticipantPage(KeyFront, Audience):
     """Shows a participant the screens of a session, and the scene during a trial.
 
     Parameters
@@ -79,14 +79,7 @@ class ParticipantPage(Audience):
     masking_noise
         Whether masking noise begins with the first press on the page.
     say
-        Called with a line for the experimenter.
-
-    Attributes
-    ----------
-    number
-        Number of the present question.
-    on_key, on_noise, on_change
-        Called with a key and the number of its task; with a level of the masking noise; when the page comes or goes.
+        Called with a line for the experimenter: what the participant sees, never the condition.
     """
 
     views: tuple[View, ...] = ("operator",)
@@ -97,16 +90,16 @@ class ParticipantPage(Audience):
     ) -> None:
         operator = None if hand is None else hand.operator
         self._live = operator if isinstance(operator, LiveHand) else None
-        super().__init__(self._live, say)
-        self.number = 0
-        self.on_key: Callable[[int, str], None] = lambda _number, _key: None
-        self.on_noise: Callable[[float], None] = lambda _: None
-        self.on_change: Callable[[bool], None] = lambda _: None
+        KeyFront.__init__(self)
+        Audience.__init__(self, self._live, say)
         self._hand = hand
         self._source = source
         self._texts = texts
         self._masking_noise = masking_noise
-        self._screen: Screen | None = None
+        self._flow: Flow[Any] | None = None
+        self._activity: Activity | None = None
+        self._level = 0.0
+        self._printed = 0  # number of the question that was shown last
         self._scene: SceneSettings | None = None
         self._mirror: Mirror | None = None
         self._is_ready = False
@@ -115,30 +108,36 @@ class ParticipantPage(Audience):
     @property
     def parting(self) -> tuple[int, str]:
         """A session that is not over may go on, and the page with it."""
-        over = self._screen is not None and self._screen.kind is ScreenKind.DONE
+        over = self._shown is not None and self._shown.kind is ScreenKind.DONE
         return super().parting if over else (WSCloseCode.GOING_AWAY, "the session is interrupted")
 
-    @property
-    def is_open(self) -> bool:
-        """Whether a participant has the page open."""
-        return bool(self.clients)
+    async def attend(self, flow: Flow[AnyRow], activity: "asyncio.Future[Outcome]", rig: Rig) -> Outcome:
+        """Pass keys on while an activity is performed; stop it when there is an answer, or nobody to give one."""
+        if not self.clients:
+            self.hear(CLOSED)
+        return await super().attend(flow, activity, rig)
 
-    def show(self, screen: Screen, number: int) -> None:
-        """Show a screen that asks the question of this number."""
-        self.number = number
-        self._screen = screen
+    def hear_experimenter(self, key: str) -> None:
+        """Take a key of the experimenter: Escape stops what is performed."""
+        if key == screens.ESCAPE:
+            self.hear(STOPPED)
+
+    def _present(self, flow: Flow[AnyRow]) -> None:
+        self._flow = flow
+        if flow.activity is not self._activity:
+            self._activity = flow.activity
+            trial = flow.activity if isinstance(flow.activity, Stimulus) else None
+            self._scene = None if trial is None else SceneSettings(name="study", tissues=trial.tissues)
+            self._restart()  # the needle can be moved once there is a session
+            if self._scene is not None:
+                self._tell_all(self._scene_text())
+        super()._present(flow)
+
+    def _print(self, flow: Flow[AnyRow]) -> None:
         self._tell_all(self._task())
-
-    def begin(self, stimulus: Stimulus) -> None:
-        """Show the tissues of a trial, with the needle in front of them; it can be moved once there is a session."""
-        self._scene = SceneSettings(name="study", tissues=stimulus.tissues)
-        self._restart()
-        self._tell_all(self._scene_text())
-
-    def end(self) -> None:
-        """Show no scene any more."""
-        self._scene = None
-        self._restart()
+        if self.number != self._printed and flow.screen.kind is not ScreenKind.MOMENT:
+            self._say(_line(flow))
+        self._printed = self.number
 
     def note(self, event: NodeEvent, now_us: int) -> None:
         """Let the participant begin when there is a session with the slave."""
@@ -154,12 +153,14 @@ class ParticipantPage(Audience):
     def connect(self, client: Client) -> None:
         """Greet the page."""
         super().connect(client)
-        self.on_change(True)
+        self._say("the participant's page is open")
 
     def disconnect(self, client: Client) -> None:
-        """Withdraw the needle."""
+        """Withdraw the needle, and end what is performed."""
         super().disconnect(client)
-        self.on_change(False)
+        self._say("the participant's page is closed")
+        self._note_noise(0.0)
+        self.hear(CLOSED)
 
     def _greet(self, client: Client) -> None:
         experiment = {"masking_noise": self._masking_noise, "texts": self._texts.for_page()}
@@ -172,9 +173,9 @@ class ParticipantPage(Audience):
     def _obey(self, client: Client, message: PageMessage) -> None:
         del client
         if isinstance(message, Key):
-            self.on_key(message.number, message.key)
+            self.hear(message.key, message.number)
         elif isinstance(message, Noise):
-            self.on_noise(message.level)
+            self._note_noise(message.level)
         else:
             raise MistakeError("the participant's page cannot do that")
 
@@ -212,12 +213,12 @@ class ParticipantPage(Audience):
             self._tell_all(messages.text("ready", ready=ready))
 
     def _task(self) -> str:
-        screen = Screen(kind=ScreenKind.MOMENT, title="", text="") if self._screen is None else self._screen
+        screen = Screen(kind=ScreenKind.MOMENT, title="", text="") if self._shown is None else self._shown
         wait_us = 0 if screen.not_before_us is None else max(0, screen.not_before_us - now_us())
         return messages.text(
             "task",
             number=self.number,
-            screen="wait" if self._screen is None else screen.kind.value,
+            screen="wait" if self._shown is None else screen.kind.value,
             title=screen.title,
             text=screen.text,
             keys=[{"key": key, "does": does} for key, does in screen.keys],
@@ -234,65 +235,11 @@ class ParticipantPage(Audience):
         tissues = [{"rest_m": tissue.rest_position_m, "name": tissue.name} for tissue in scene.tissues]
         return messages.text("scene", known=True, range_m=mirror.range_m, tissues=tissues)
 
-
-class PageFront(KeyFront):
-    """Shows the flow on a `ParticipantPage`.
-
-    Parameters
-    ----------
-    tell
-        Called with a line for the experimenter: what the participant sees, never the condition.
-    """
-
-    def __init__(self, page: ParticipantPage, tell: Callable[[str], None]) -> None:
-        super().__init__()
-        self._page = page
-        self._tell = tell
-        self._flow: Flow[Any] | None = None
-        self._activity: Activity | None = None
-        self._level = 0.0
-        page.on_key = lambda number, key: self.hear(key, number)
-        page.on_noise = self._note_noise
-        page.on_change = self._note_change
-
-    def hear_experimenter(self, key: str) -> None:
-        """Take a key of the experimenter: Escape stops what is performed."""
-        if key == screens.ESCAPE:
-            self.hear(STOPPED)
-
-    async def attend(self, flow: Flow[AnyRow], activity: "asyncio.Future[Outcome]", rig: Rig) -> Outcome:
-        """Pass keys on while an activity is performed; stop it when there is an answer, or nobody to give one."""
-        if not self._page.is_open:
-            self.hear(CLOSED)
-        return await super().attend(flow, activity, rig)
-
-    def _present(self, flow: Flow[AnyRow]) -> None:
-        self._flow = flow
-        if flow.activity is not self._activity:
-            self._activity = flow.activity
-            if isinstance(flow.activity, Play):
-                self._page.begin(flow.activity.stimulus)
-            else:
-                self._page.end()
-        super()._present(flow)
-
-    def _print(self, flow: Flow[AnyRow]) -> None:
-        is_new = self.number != self._page.number
-        self._page.show(flow.screen, self.number)
-        if is_new and flow.screen.kind is not ScreenKind.MOMENT:
-            self._tell(_line(flow))
-
     def _note_noise(self, level: float) -> None:
         if self._flow is not None and level != self._level:
             self._level = level
             self._flow.note_noise(level, now_us())
             self.hear("")  # so that the row is stored now
-
-    def _note_change(self, is_open: bool) -> None:
-        self._tell(f"the participant's page is {'open' if is_open else 'closed'}")
-        if not is_open:
-            self._note_noise(0.0)
-            self.hear(CLOSED)
 
 
 def _line(flow: Flow[Any]) -> str:

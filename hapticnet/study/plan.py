@@ -5,7 +5,7 @@ import json
 from pathlib import Path
 from typing import Annotated, Final, Literal, TypeAlias
 
-from pydantic import BaseModel, BeforeValidator, Field, ValidationInfo, field_validator, model_validator
+from pydantic import AfterValidator, BaseModel, BeforeValidator, Field, ValidationInfo, field_validator, model_validator
 
 from hapticnet.channel.spec import parse_channel
 from hapticnet.checks import meant
@@ -45,24 +45,32 @@ Seconds: TypeAlias = Annotated[float, Field(ge=0.0, le=3600.0)]
 Count: TypeAlias = Annotated[int, Field(ge=1, le=1000)]
 
 
-class ConditionPlan(BaseModel):
-    """One way to treat the force on its way to the finger.
+def _channel(spec: str) -> str:
+    try:
+        parse_channel(spec)
+    except HapticnetError as error:
+        raise ValueError(str(error)) from error
+    return spec
 
-    Attributes
-    ----------
-    name
-        What reports call it. The participant never sees it.
-    codec
-        The codec as written for ``--codec``; "raw" sends every sample.
-    multiplier
-        Threshold in JNDs; not used by "raw".
-    """
+
+def _texts(spec: object, info: ValidationInfo) -> object:
+    try:
+        return find_texts(spec, info.context if isinstance(info.context, Path) else Path())
+    except HapticnetError as error:
+        raise ValueError(str(error)) from error
+
+
+Channel: TypeAlias = Annotated[str, AfterValidator(_channel)]
+
+
+class ConditionPlan(BaseModel):
+    """One way to treat the force on its way to the finger."""
 
     model_config = STRICT
 
-    name: Annotated[str, Field(min_length=1, max_length=40)]
-    codec: str = "deadband"
-    multiplier: Annotated[float, Field(ge=0.0, le=1000.0)] = 1.0
+    name: Annotated[str, Field(min_length=1, max_length=40)]  # what reports call it; the participant never sees it
+    codec: str = "deadband"  # as written for ``--codec``; "raw" sends every sample
+    multiplier: Annotated[float, Field(ge=0.0, le=1000.0)] = 1.0  # threshold in JNDs; not used by "raw"
 
     @property
     def threshold(self) -> float:
@@ -71,49 +79,24 @@ class ConditionPlan(BaseModel):
 
 
 class OrderPlan(BaseModel):
-    """The ordering task.
-
-    Attributes
-    ----------
-    breach_forces_n
-        Breach forces of the three tissues.
-    gap_m
-        Distance between surfaces [m]; each is breached at half of it.
-    trials
-        Trials of each condition.
-    arrangement
-        Whether the trials of a condition come together. The paper does not say.
-    practice, practice_pairs, practice_rounds
-        Practice trials, the pairs of tissues that must be right among theirs, and how often they may be tried.
-    break_s
-        Shortest break between two blocks.
-    time_limit_s
-        Longest trial. The paper states none: an assumption.
-    rating
-        Whether the quality of experience is asked for after each block.
-    least_delivered
-        Share of the held peak that the sensed peak must reach in each tissue; else the trial is repeated.
-    most_attempts
-        Attempts of a trial that the device may fail to deliver before the session stops.
-    equivalence_margin
-        Difference in the share of correct orders below which 1 JND counts as equal to none, stated beforehand.
-    """
+    """The ordering task."""
 
     model_config = STRICT
 
     breach_forces_n: Annotated[list[Force], Field(min_length=3, max_length=3)] = list(PAPER_BREACH_FORCES_N)
-    gap_m: Annotated[float, Field(gt=0.001, le=0.1)] = PAPER_GAP_M
-    trials: Count = 10
-    arrangement: Arrangement = "blocked"
-    practice: Annotated[int, Field(ge=0, le=100)] = 3
-    practice_pairs: Annotated[int, Field(ge=0, le=300)] = 8
-    practice_rounds: Count = 3
-    break_s: Seconds = 60.0
-    time_limit_s: Annotated[float, Field(gt=0.0, le=3600.0)] = 180.0
-    rating: bool = True
-    least_delivered: Share = 0.8
-    most_attempts: Count = 5
+    gap_m: Annotated[float, Field(gt=0.001, le=0.1)] = PAPER_GAP_M  # between surfaces; each is breached at half of it
+    trials: Count = 10  # of each condition
+    arrangement: Arrangement = "blocked"  # whether the trials of a condition come together; the paper does not say
+    practice: Annotated[int, Field(ge=0, le=100)] = 3  # trials of a round
+    practice_pairs: Annotated[int, Field(ge=0, le=300)] = 8  # pairs of tissues that must be right among them
+    practice_rounds: Count = 3  # at most
+    break_s: Seconds = 60.0  # shortest break between two blocks
+    time_limit_s: Annotated[float, Field(gt=0.0, le=3600.0)] = 180.0  # of a trial; the paper states none: an assumption
+    rating: bool = True  # whether the quality of experience is asked for after each block
+    least_delivered: Share = 0.8  # of the held peak that must be sensed in each tissue; else the trial is repeated
+    most_attempts: Count = 5  # of a trial that fails, before the session stops
     equivalence_margin: Share = 0.1
+    """Difference in the share of correct orders below which 1 JND counts as equal to none, stated beforehand."""
 
     @model_validator(mode="after")
     def _check(self) -> "OrderPlan":
@@ -125,57 +108,29 @@ class OrderPlan(BaseModel):
 
 
 class LimitsPlan(BaseModel):
-    """The measurement of the JND.
-
-    Attributes
-    ----------
-    method
-        "ascending" is the paper's; the other two ask for the stronger of two intervals.
-    references_n
-        Reference forces.
-    repetitions
-        Ascending series, or staircases, of each reference.
-    step
-        Step of a series as a share of the reference. It decides the result: a coarse step gives a large JND.
-    start
-        Largest start of a series as a share of the reference; each is drawn between 0 and this.
-    largest
-        Difference as a share of the reference at which a series ends without a "different".
-    catch
-        Further series in which nothing changes, as a share of the others.
-    most_false_alarms
-        Share of the pairs of these series that may be called different; with more, the JND is excluded.
-    most_censored
-        Series of a reference that may end without a "different"; with more, the JND is excluded.
-    pairs
-        Pairs of a staircase.
-    stimulus_s, gap_s
-        Duration of each force and of the gap between the two.
-    tolerance
-        Share of the held force by which the sensed one may differ; else the pair is presented again.
-    most_attempts
-        Attempts of a pair that the device may fail to deliver before the session stops.
-    break_s
-        Shortest break, after each third of the series.
-    """
+    """The measurement of the JND. Shares are of the reference force."""
 
     model_config = STRICT
 
-    method: Method = "ascending"
+    method: Method = "ascending"  # the paper's; the other two ask for the stronger of two intervals
     references_n: Annotated[list[Force], Field(min_length=1, max_length=10)] = list(JND_REFERENCE_FORCES_N)
-    repetitions: Count = 5
-    step: Share = 0.01
-    start: Annotated[float, Field(ge=0.0, le=1.0)] = 0.03
-    largest: Share = 0.4
-    catch: Annotated[float, Field(ge=0.0, le=1.0)] = 0.33
-    most_false_alarms: Share = 0.25
+    repetitions: Count = 5  # series, or staircases, of each reference
+    step: Share = 0.01  # of a series; it decides the result: a coarse step gives a large JND
+    start: Annotated[float, Field(ge=0.0, le=1.0)] = 0.03  # largest start of a series; each is drawn from 0 to this
+    largest: Share = 0.4  # difference at which a series ends without a "different"
+    catch: Annotated[float, Field(ge=0.0, le=1.0)] = (
+        0.33  # further series in which nothing changes, share of the others
+    )
+    most_false_alarms: Share = 0.25  # of their pairs called different; with more, the JND is excluded
     most_censored: Annotated[int, Field(ge=0, le=1000)] = 2
-    pairs: Annotated[int, Field(ge=5, le=1000)] = 40
-    stimulus_s: Annotated[float, Field(ge=0.2, le=10.0)] = 1.0
-    gap_s: Annotated[float, Field(ge=0.0, le=10.0)] = 0.5
-    tolerance: Share = 0.15
-    most_attempts: Count = 5
-    break_s: Seconds = 30.0
+    """Series of a reference that may end without a "different"; with more, the JND is excluded."""
+
+    pairs: Annotated[int, Field(ge=5, le=1000)] = 40  # of a staircase
+    stimulus_s: Annotated[float, Field(ge=0.2, le=10.0)] = 1.0  # duration of each force
+    gap_s: Annotated[float, Field(ge=0.0, le=10.0)] = 0.5  # between the two
+    tolerance: Share = 0.15  # of the held force by which the sensed one may differ; else the pair is presented again
+    most_attempts: Count = 5  # of a pair that fails, before the session stops
+    break_s: Seconds = 30.0  # shortest break, after each third of the series
 
     @model_validator(mode="after")
     def _check(self) -> "LimitsPlan":
@@ -192,64 +147,30 @@ class LimitsPlan(BaseModel):
 
 
 class JndPlan(BaseModel):
-    """The law of the ordering task.
-
-    Attributes
-    ----------
-    weber_fraction, floor_n
-        As in ``master --weber`` and ``--floor``.
-    measured
-        Use of each participant's own JND: "preferred" uses it where it was measured with the device of the ordering
-        task and no rule excludes it, and else the numbers above; "required" refuses a session without it; "ignored"
-        uses the numbers above for all.
-    """
+    """The law of the ordering task."""
 
     model_config = STRICT
 
-    weber_fraction: Annotated[float, Field(ge=0.0, le=1.0)] = PAPER_WEBER_FRACTION
+    weber_fraction: Annotated[float, Field(ge=0.0, le=1.0)] = PAPER_WEBER_FRACTION  # as in ``master --weber``
     floor_n: Annotated[float, Field(ge=0.0, le=5.0)] = PAPER_FLOOR_N
     measured: UseOfJnd = "preferred"
+    """Use of each participant's own JND: "preferred" uses it where it was measured with the device of the ordering task
+    and no rule excludes it, and else the numbers above; "required" refuses a session without it; "ignored" uses the
+    numbers above for all."""
 
 
 class LinkPlan(BaseModel):
-    """The network between master and slave.
-
-    Attributes
-    ----------
-    rate_hz
-        Positions a second.
-    forward, feedback
-        Emulated networks from master to slave and back, as for ``--channel-out``.
-    """
+    """The network between master and slave."""
 
     model_config = STRICT
 
-    rate_hz: Annotated[float, Field(ge=100.0, le=10_000.0)] = 1000.0
-    forward: str = "perfect"
-    feedback: str = "perfect"
-
-    @field_validator("forward", "feedback")
-    @classmethod
-    def _check(cls, spec: str) -> str:
-        try:
-            parse_channel(spec)
-        except HapticnetError as error:
-            raise ValueError(str(error)) from error
-        return spec
+    rate_hz: Annotated[float, Field(ge=100.0, le=10_000.0)] = 1000.0  # positions a second
+    forward: Channel = "perfect"  # emulated networks from master to slave and back, as for ``--channel-out``
+    feedback: Channel = "perfect"
 
 
 class QuestionPlan(BaseModel):
-    """A question about the participant, such as handedness, which is asked once.
-
-    Attributes
-    ----------
-    name
-        Name of the answer in the data.
-    text
-        The question.
-    choices
-        Its answers; the participant may also prefer not to say.
-    """
+    """A question about the participant, such as handedness, which is asked once."""
 
     model_config = STRICT
 
@@ -258,45 +179,22 @@ class QuestionPlan(BaseModel):
     choices: Annotated[list[Annotated[str, NOT_BLANK, Field(max_length=100)]], Field(min_length=2, max_length=9)]
 
 
-def _texts(spec: object, info: ValidationInfo) -> object:
-    try:
-        return find_texts(spec, info.context if isinstance(info.context, Path) else Path())
-    except HapticnetError as error:
-        raise ValueError(str(error)) from error
-
-
 def _paper_conditions() -> list[ConditionPlan]:
     deadbands = [ConditionPlan(name=f"{times} JND", multiplier=float(times)) for times in (1, 2, 4)]
     return [ConditionPlan(name="none", codec="raw", multiplier=0.0), *deadbands]
 
 
 class Plan(BaseModel):
-    """A study.
-
-    Attributes
-    ----------
-    name
-        Name of the study.
-    masking_noise
-        Whether white noise is played: by the page from the first press on it, else only once it is switched on there;
-        at a terminal by a player of the system.
-    texts
-        Everything that the participant reads, the consent among it: in a TOML file, a language that is shipped, or
-        themselves.
-    consent
-        "ask": the consent is asked for on the screen, and the hash of its text is stored; or "none, because " and why.
-    question
-        What is asked about the participant, as ``[[question]]`` tables.
-    condition
-        The conditions of the ordering task, as ``[[condition]]`` tables.
-    """
+    """A study."""
 
     model_config = STRICT
 
     name: Annotated[str, Field(min_length=1, max_length=60)] = "paper"
-    masking_noise: bool = False
+    masking_noise: bool = False  # whether the page plays white noise from the first press on it
     texts: Annotated[Texts, BeforeValidator(_texts)] = Field(default_factory=english)
-    consent: str = ASK
+    """Everything that the participant reads: a TOML file, or the texts themselves."""
+
+    consent: str = ASK  # or "none, because " and why; what is agreed to is stored as the hash of its text
     question: Annotated[list[QuestionPlan], Field(max_length=20)] = Field(default_factory=list)
     condition: Annotated[list[ConditionPlan], Field(min_length=1, max_length=20)] = Field(
         default_factory=_paper_conditions
@@ -319,12 +217,10 @@ class Plan(BaseModel):
 
     @model_validator(mode="after")
     def _check(self) -> "Plan":
-        names = [condition.name for condition in self.condition]
-        if len(set(names)) < len(names):
-            raise ValueError("two conditions have the same name")
-        asked = [question.name for question in self.question]
-        if len(set(asked)) < len(asked):
-            raise ValueError("two questions have the same name")
+        conditions, questions = [each.name for each in self.condition], [each.name for each in self.question]
+        for kind, names in (("conditions", conditions), ("questions", questions)):
+            if len(set(names)) < len(names):
+                raise ValueError(f"two {kind} have the same name")
         law = WeberLaw()
         for condition in self.condition:
             try:

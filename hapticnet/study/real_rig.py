@@ -29,7 +29,6 @@ from hapticnet.study.rig import (
     LiftWatch,
     Meet,
     Outcome,
-    Play,
     Presentation,
     disturbance,
     emulators,
@@ -72,7 +71,6 @@ class RealRig:
     def __init__(
         self, body: Body, settings: MasterSettings, address: HostPort | None, *, tell: Callable[[str], None]
     ) -> None:
-        self.description = body.fingertip.device.description
         self.deepest_m: float | None = None
         self._body = body
         self._settings = settings
@@ -141,14 +139,14 @@ class RealRig:
             return Fault(self._lost)
         self._stop.clear()
         try:
-            if isinstance(activity, Play):
-                return await self._play(activity.stimulus)
+            if isinstance(activity, Stimulus):
+                return await self._play(activity)
             self._lost = None
             self._performed = asyncio.get_running_loop().create_future()
             self._procedure = procedure_of(activity, self._body.fingertip)
             return await self._performed
         except HapticnetError as error:
-            return Fault(str(error), lost=isinstance(error, UnavailableError) and not isinstance(activity, Play))
+            return Fault(str(error), lost=isinstance(error, UnavailableError) and not isinstance(activity, Stimulus))
         finally:
             self._procedure = self._performed = None
 

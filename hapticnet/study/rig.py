@@ -61,7 +61,7 @@ MakeHand: TypeAlias = Callable[[Stimulus], Operator]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Pair:
-    """Two forces to compare, in the order in which they come."""
+    """Present two forces to compare, in the order in which they come."""
 
     forces_n: tuple[float, float]
     stimulus_us: int  # duration of each
@@ -92,21 +92,8 @@ class Meet:
     """Let the platform meet the finger."""
 
 
-@dataclass(frozen=True, slots=True)
-class Present:
-    """Present two forces."""
-
-    pair: Pair
-
-
-@dataclass(frozen=True, slots=True)
-class Play:
-    """Let the participant feel the tissues until there is an answer."""
-
-    stimulus: Stimulus
-
-
-Activity: TypeAlias = Meet | Present | Play
+Activity: TypeAlias = Meet | Pair | Stimulus
+"""What a rig performs. A stimulus is felt until there is an answer."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -121,16 +108,9 @@ Outcome: TypeAlias = Met | Presented | Played | Fault
 
 
 class Rig(Protocol):
-    """What performs the activities of a session.
+    """What performs the activities of a session."""
 
-    Attributes
-    ----------
-    deepest_m
-        How deep [m] the tip of the needle was in the present trial; None without one, or if that is not known.
-    """
-
-    description: str
-    deepest_m: float | None
+    deepest_m: float | None  # deepest place [m] of the needle in the present trial; None without one, or if not known
 
     def now_us(self) -> int:
         """Return the time [µs]."""
@@ -187,9 +167,9 @@ class Presentation(Procedure):
         return Presented(held_n=self._pair.forces_n, sensed_n=(first_n, second_n))
 
 
-def procedure_of(activity: Meet | Present, fingertip: Fingertip) -> Meeting | Presentation:
+def procedure_of(activity: Meet | Pair, fingertip: Fingertip) -> Meeting | Presentation:
     """Return the procedure that performs an activity without a slave."""
-    return Meeting(fingertip) if isinstance(activity, Meet) else Presentation(fingertip, activity.pair)
+    return Meeting(fingertip) if isinstance(activity, Meet) else Presentation(fingertip, activity)
 
 
 def disturbance(event: NodeEvent) -> Fault | None:
@@ -235,7 +215,6 @@ class VirtualRig:
     """The chain in virtual time. Nobody waits, and the same seeds give the same session. Each hand must end."""
 
     def __init__(self, fingertip: Fingertip, settings: MasterSettings, *, make_hand: MakeHand = scripted_hand) -> None:
-        self.description = fingertip.device.description
         self.deepest_m: float | None = None  # a hand that ends by itself has been everywhere
         self._fingertip = fingertip
         self._settings = settings
@@ -260,8 +239,8 @@ class VirtualRig:
 
     async def run(self, activity: Activity) -> Outcome:
         """Perform an activity."""
-        if isinstance(activity, Play):
-            return self._play(activity.stimulus)
+        if isinstance(activity, Stimulus):
+            return self._play(activity)
         procedure = procedure_of(activity, self._fingertip)
         try:
             while not procedure.tick(self._now_us):
@@ -316,7 +295,7 @@ def play_trial(stimulus: Stimulus, *, make_hand: MakeHand = scripted_hand) -> Pl
     device = SimulatedDevice(PlantSettings(), np.random.default_rng([stimulus.seed, 9]))
     rig = VirtualRig(Fingertip(device, LimitSettings(), ForceControlSettings()), MasterSettings(), make_hand=make_hand)
     asyncio.run(rig.run(Meet()))
-    outcome = asyncio.run(rig.run(Play(stimulus)))
+    outcome = asyncio.run(rig.run(stimulus))
     if not isinstance(outcome, Played):
         reason = f" failed: {outcome.reason}" if isinstance(outcome, Fault) else " was not played"
         raise UnavailableError(f"a simulated trial with {stimulus.codec}{reason}")

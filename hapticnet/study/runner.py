@@ -21,11 +21,11 @@ from hapticnet.recordings.session.session import REPORT, Event, Session
 from hapticnet.runtime.recorder import about_master, event_text
 from hapticnet.runtime.system import start_background
 from hapticnet.study.flow import Flow
-from hapticnet.study.order import PRACTICE
 from hapticnet.study.rig import Outcome, Rig
 from hapticnet.study.rows import AnyRow
-from hapticnet.study.session import ORDER, SessionSettings, today, version
+from hapticnet.study.session import SessionSettings, today, version
 from hapticnet.study.store import Store
+from hapticnet.study.tasks import PRACTICE
 from hapticnet.study.trial import Played
 
 RecordingForm: TypeAlias = Literal["mcap", "npz", "none"]
@@ -163,7 +163,7 @@ def record_trials(
         return None
     if form == "mcap":
         check_mcap()
-    folder = settings.folder(ORDER) / "recordings"
+    folder = settings.folder / "recordings"
     study = {**settings.constants, "plan": settings.plan.name, "digest": settings.plan.digest()}
     about = {**about, "study": study, "provenance": provenance()}
 

@@ -4,9 +4,11 @@ import json
 import re
 from abc import ABC, abstractmethod
 from dataclasses import asdict, dataclass
-from typing import Any, Final, Self
+from itertools import permutations
+from typing import Final, Self
 
 import numpy as np
+from pydantic import TypeAdapter, ValidationError
 
 from hapticnet.checks import check_integer
 from hapticnet.errors import FileError, SettingsError
@@ -14,24 +16,30 @@ from hapticnet.study.plan import Plan
 
 LARGEST_SEED: Final = 2**31
 
+ORDERS: Final = tuple(permutations(range(3)))
+"""The six orders of three tissues."""
+
+CATCH_PAIRS: Final = (3, 10)
+"""Smallest and largest number of pairs in a catch series."""
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Schedule(ABC):
-    """What is common to the schedules of both parts of a study: whose it is, and the digest of its plan."""
+    """What is common to the schedules of both tasks."""
 
     participant: str
     session: int
     seed: int
-    plan: str
+    plan: str  # digest of the plan
+
+    @classmethod
+    @abstractmethod
+    def draw(cls, plan: Plan, participant: str, session: int, seed: int) -> Self:
+        """Return the schedule of a session; raise SettingsError if a number is none, or cannot be used."""
 
     @abstractmethod
     def lines(self, plan: Plan) -> list[str]:
         """Return the schedule for a person."""
-
-    @classmethod
-    @abstractmethod
-    def _restored(cls, content: dict[str, Any]) -> dict[str, Any]:
-        """Return the values of the attributes from what JSON has made of them."""
 
     def to_json(self) -> str:
         """Return the schedule as text."""
@@ -41,9 +49,9 @@ class Schedule(ABC):
     def from_json(cls, text: str, source: str) -> Self:
         """Return the schedule in a text; raise FileError if it is none."""
         try:
-            return cls(**cls._restored(json.loads(text)))
-        except (ValueError, TypeError, KeyError) as error:
-            raise FileError(f"{source}: not a schedule: {error}") from error
+            return TypeAdapter(cls).validate_json(text)
+        except ValidationError as error:
+            raise FileError(f"{source}: not a schedule: {error.errors()[0]['msg']}") from error
 
 
 def participant_number(participant: str) -> int:
@@ -53,15 +61,194 @@ def participant_number(participant: str) -> int:
     return int(participant)
 
 
-def generator(participant: str, session: int, seed: int, part: int) -> np.random.Generator:
-    """Return the source of everything random in a part of a session.
-
-    Raises
-    ------
-    SettingsError
-        If participant or session is not a number, or the seed is negative.
-    """
+def _generator(participant: str, session: int, seed: int, part: int) -> tuple[np.random.Generator, int]:
+    """Return the source of everything random in a part of a session, and the number of the participant."""
     number = participant_number(participant)
     check_integer("session", session, 1, 1000)
     check_integer("seed", seed, 0, LARGEST_SEED)
-    return np.random.default_rng([seed, number, session, part])
+    return np.random.default_rng([seed, number, session, part]), number
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class OrderTrial:
+    """One trial of the ordering task."""
+
+    index: int  # number in the schedule, from 0; practice trials have their own numbers
+    block: int
+    condition: int | None  # number in the plan; None in practice, which is not compressed
+    repetition: int  # how often its condition came before
+    breach_forces_n: tuple[float, ...]  # front to back
+    seed: int  # of everything random within the trial
+
+    @property
+    def order(self) -> str:
+        """The tissues from softest to hardest, such as "213"."""
+        numbered = sorted(range(len(self.breach_forces_n)), key=self.breach_forces_n.__getitem__)
+        return "".join(str(number + 1) for number in numbered)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class OrderSchedule(Schedule):
+    """The trials of a session in the order in which they come, and the practice trials of all rounds."""
+
+    practice: tuple[OrderTrial, ...]
+    trials: tuple[OrderTrial, ...]
+
+    @property
+    def blocks(self) -> int:
+        """Number of blocks."""
+        return self.trials[-1].block + 1
+
+    @classmethod
+    def draw(cls, plan: Plan, participant: str, session: int, seed: int) -> Self:
+        """Return the schedule of an ordering task.
+
+        Conditions come in the participant's row of a Williams square. Each condition runs through all six orders of the
+        tissues before one repeats.
+        """
+        rng, number = _generator(participant, session, seed, 1)
+        row = williams_square(len(plan.condition))
+        order, conditions = plan.order, len(plan.condition)
+        forces_n = [_forces(plan, order.trials, rng) for _ in range(conditions)]
+        sequence: list[tuple[int, int, int]] = []  # block, condition, repetition
+        if order.arrangement == "blocked":
+            own = row[(number - 1) % len(row)]
+            sequence = [(block, own[block], each) for block in range(conditions) for each in range(order.trials)]
+        else:
+            for repetition in range(order.trials):
+                now = row[(number - 1 + repetition) % len(row)]
+                # As many trials make a block, and so come between two breaks, as in a blocked session.
+                start = repetition * conditions
+                sequence += [((start + place) // order.trials, now[place], repetition) for place in range(conditions)]
+        practice_n = _forces(plan, max(1, order.practice * order.practice_rounds), rng)
+        seeds = rng.integers(LARGEST_SEED, size=len(sequence) + len(practice_n)).tolist()
+        trials = tuple(
+            OrderTrial(
+                index=index,
+                block=block,
+                condition=condition,
+                repetition=repetition,
+                breach_forces_n=forces_n[condition][repetition],
+                seed=seeds[index],
+            )
+            for index, (block, condition, repetition) in enumerate(sequence)
+        )
+        practice = tuple(
+            OrderTrial(
+                index=index,
+                block=index // order.practice,
+                condition=None,
+                repetition=index,
+                breach_forces_n=practice_n[index],
+                seed=seeds[len(sequence) + index],
+            )
+            for index in range(order.practice * order.practice_rounds)
+        )
+        return cls(
+            participant=participant, session=session, seed=seed, plan=plan.digest(), practice=practice, trials=trials
+        )
+
+    def lines(self, plan: Plan) -> list[str]:
+        """Return a line for each block, with the orders of the tissues."""
+        told = [f"participant {self.participant}, session {self.session}: {len(self.trials)} trials, seed {self.seed}"]
+        told += [f"  practice: {' '.join(trial.order for trial in self.practice)}"] if self.practice else []
+        for block in range(self.blocks):
+            trials = [each for each in self.trials if each.block == block]
+            own = [(plan.condition[each.condition or 0].name, each.order) for each in trials]
+            names = {name for name, _ in own}
+            orders = [order if len(names) == 1 else f"{name} {order}" for name, order in own]
+            separator = " " if len(names) == 1 else ", "
+            told.append(f"  block {block + 1}, {' and '.join(sorted(names))}: {separator.join(orders)}")
+        return told
+
+
+def williams_square(conditions: int) -> tuple[tuple[int, ...], ...]:
+    """Return orders of conditions in which each comes equally often at each place and after each other one.
+
+    With an even number there are as many orders as conditions, with an odd one twice as many. E. J. Williams,
+    "Experimental designs balanced for the estimation of residual effects of treatments", 1949.
+    """
+    first = [0]
+    for place in range(1, conditions):
+        first.append((place + 1) // 2 if place % 2 else conditions - place // 2)
+    rows = [tuple((each + row) % conditions for each in first) for row in range(conditions)]
+    if conditions % 2:
+        rows += [tuple(reversed(row)) for row in rows]
+    return tuple(rows)
+
+
+def _forces(plan: Plan, trials: int, rng: np.random.Generator) -> list[tuple[float, ...]]:
+    """Return breach forces [N] of so many trials, each run of six with all orders."""
+    drawn: list[tuple[float, ...]] = []
+    while len(drawn) < trials:
+        for index in rng.permutation(len(ORDERS)).tolist():
+            drawn.append(tuple(plan.order.breach_forces_n[each] for each in ORDERS[index]))
+    return drawn[:trials]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Series:
+    """One series of pairs, or one staircase."""
+
+    reference_n: float
+    start: float  # difference of the first pair, as a share of the reference
+    pairs: int | None = None  # number of pairs of a catch series; None for any other
+
+    @property
+    def catch(self) -> bool:
+        """Whether nothing changes in this series."""
+        return self.pairs is not None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LimitsSchedule(Schedule):
+    """The series of a measurement of the JND, and the interval of the comparison in each pair, 1 or 2."""
+
+    series: tuple[Series, ...]
+    intervals: tuple[int, ...]
+
+    @classmethod
+    def draw(cls, plan: Plan, participant: str, session: int, seed: int) -> Self:
+        """Return the schedule of a measurement.
+
+        The references come in a Latin square by repetition and participant; catch series stand at random places.
+        """
+        rng, number = _generator(participant, session, seed, 2)
+        limits, references = plan.limits, plan.limits.references_n
+        series: list[Series] = []
+        for repetition in range(limits.repetitions):
+            shift = number - 1 + repetition
+            rotated = [references[(place + shift) % len(references)] for place in range(len(references))]
+            turned = rotated if (number - 1 + repetition // len(references)) % 2 == 0 else rotated[::-1]
+            for reference_n in turned:  # starts are on a grid of a tenth of a step
+                start = round(float(rng.uniform(0.0, limits.start)) / (0.1 * limits.step)) * 0.1 * limits.step
+                series.append(Series(reference_n=reference_n, start=start))
+        fewest, most = CATCH_PAIRS
+        for index in range(round(limits.catch * len(series))):
+            reference_n = references[(index + number) % len(references)]
+            pairs = int(rng.integers(fewest, most + 1))
+            series.insert(int(rng.integers(len(series) + 1)), Series(reference_n=reference_n, start=0.0, pairs=pairs))
+        if limits.method != "ascending":
+            series = [Series(reference_n=each.reference_n, start=0.0) for each in series if not each.catch]
+        intervals = tuple(rng.integers(1, 3, limits.pairs * len(series)).tolist())
+        return cls(
+            participant=participant,
+            session=session,
+            seed=seed,
+            plan=plan.digest(),
+            series=tuple(series),
+            intervals=intervals,
+        )
+
+    def lines(self, plan: Plan) -> list[str]:
+        """Return a line for each series."""
+        method = plan.limits.method
+        told = [f"participant {self.participant}, session {self.session}: {method}, seed {self.seed}"]
+        for number, each in enumerate(self.series, start=1):
+            begin = f"from {100 * each.start:.2g} %, {100 * plan.limits.step:g} % a step"
+            if each.pairs is not None:
+                begin = f"{each.pairs} pairs of equal forces"
+            elif method != "ascending":
+                begin = f"at most {plan.limits.pairs} pairs"
+            told.append(f"  series {number}: {each.reference_n:g} N, {begin}")
+        return told

@@ -1,11 +1,11 @@
 """Set up a session: its plan, its schedule, its law, its table."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any, Final, TypeVar
+from typing import Any, Final
 
 import tomli_w
 
@@ -13,24 +13,22 @@ from hapticnet.errors import SettingsError
 from hapticnet.experiment.provenance import provenance
 from hapticnet.files import make_folder, replacing
 from hapticnet.perception import WeberLaw
-from hapticnet.study.limits import LimitsFlow, LimitsSchedule, device_errors_n, draw_limits
-from hapticnet.study.order import OrderFlow, OrderSchedule, draw_order
+from hapticnet.study.flow import Flow
 from hapticnet.study.plan import PLAN_FILE, Plan, QuestionPlan, find_plan
-from hapticnet.study.rows import AnyRow, LimitsRow, OrderRow, Row, answers_about
+from hapticnet.study.rows import LimitsRow, OrderRow, Row, answers_about
 from hapticnet.study.schedule import Schedule, participant_number
 from hapticnet.study.store import Store, opened, read_table, stored_schedule, table_files
+from hapticnet.study.tasks import LIMITS, ORDER, LimitsFlow, OrderFlow, device_errors_n
 from hapticnet.study.weber import ParticipantFile, load_participant, participant_file
 
-ORDER: Final = "order"
-LIMITS: Final = "limits"
-
-AnySchedule = TypeVar("AnySchedule", bound=Schedule)
+FLOWS: Final[dict[str, type[Flow[Any]]]] = {ORDER: OrderFlow, LIMITS: LimitsFlow}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SessionSettings:
     """Whose session it is, and where its data go."""
 
+    task: str  # `ORDER` or `LIMITS`
     participant: str  # number, such as "03"
     session: int
     seed: int
@@ -55,17 +53,30 @@ class SessionSettings:
         )
 
     @property
+    def folder(self) -> Path:
+        """Folder of the session."""
+        return self.out / f"sub-{self.participant}" / f"ses-{self.session}" / self.task
+
+    @property
+    def table(self) -> Path:
+        """Table of the session, named as BIDS has it."""
+        return self.folder / f"sub-{self.participant}_ses-{self.session}_task-{self.task}_beh.tsv"
+
+    @property
     def constants(self) -> dict[str, Any]:
         """Values of columns that are the same in all rows."""
         return {name: getattr(self, name) for name in ("participant", "session", "observer", "device")}
 
-    def folder(self, task: str) -> Path:
-        """Return the folder of a part of the study."""
-        return self.out / f"sub-{self.participant}" / f"ses-{self.session}" / task
-
-    def table(self, task: str) -> Path:
-        """Return the table of a part of the study, named as BIDS has it."""
-        return self.folder(task) / f"sub-{self.participant}_ses-{self.session}_task-{task}_beh.tsv"
+    def schedule(self) -> Schedule:
+        """Return the schedule of the session: the stored one if it goes on, else a new one."""
+        kind = FLOWS[self.task].schedule_kind
+        stored = stored_schedule(self.folder) if self.resume else None
+        if stored is None:
+            return kind.draw(self.plan, self.participant, self.session, self.seed)
+        schedule = kind.from_json(stored, str(self.folder))
+        if schedule.plan != self.plan.digest():
+            raise SettingsError("the session was begun with another plan; go on with that one")
+        return schedule
 
 
 def check_number(settings: SessionSettings) -> None:
@@ -86,8 +97,8 @@ def check_number(settings: SessionSettings) -> None:
             )
 
 
-def check_session(settings: SessionSettings, task: str) -> None:
-    """Check that a part of the study can begin or go on, before anything is opened.
+def check_session(settings: SessionSettings) -> None:
+    """Check that a session can begin or go on, before anything is opened.
 
     Raises
     ------
@@ -96,7 +107,7 @@ def check_session(settings: SessionSettings, task: str) -> None:
         the data of people and the session is of a simulated observer or the other way round.
     """
     check_number(settings)
-    table = settings.table(task)
+    table = settings.table
     if table.exists() and not settings.resume:
         raise SettingsError(f"{table} exists; go on with it by --resume, or choose another --session")
     if settings.resume and not table.exists():
@@ -161,7 +172,7 @@ def law_of_participant(settings: SessionSettings) -> ChosenLaw:
     FileError
         If a file cannot be read.
     """
-    table, jnd = settings.table(ORDER), settings.plan.jnd
+    table, jnd = settings.table, settings.plan.jnd
     for row in read_table(table, OrderRow, most=1) if settings.resume and table.exists() else ():
         if row.weber_fraction is not None and row.floor_n is not None:
             began = WeberLaw(weber_fraction=row.weber_fraction, floor_n=row.floor_n)
@@ -202,41 +213,18 @@ def same_device(one: str | None, other: str | None) -> bool:
 
 
 @contextmanager
-def order_session(settings: SessionSettings, now_us: int) -> Iterator[tuple[OrderFlow, Store[OrderRow]]]:
-    """Yield flow and table of the ordering task."""
+def open_session(settings: SessionSettings, now_us: int) -> Iterator[tuple[Flow[Any], Store[Any]]]:
+    """Yield flow and table of a session."""
     check_number(settings)
     keep_plan(settings.plan, settings.out)
-    chosen = law_of_participant(settings)
-    schedule = _schedule(settings, ORDER, OrderSchedule, draw_order)
-    constants = settings.constants | {"jnd_source": chosen.source}
-    questions, levels = _questions(settings), settings.plan.texts.levels
-    with opened(settings.table(ORDER), OrderRow, schedule.to_json(), resume=settings.resume, levels=levels) as store:
+    flow, constants = FLOWS[settings.task], settings.constants
+    if settings.task == ORDER:
+        law = law_of_participant(settings)
+        constants |= {"weber_fraction": law.law.weber_fraction, "floor_n": law.law.floor_n, "jnd_source": law.source}
+    schedule, questions, levels = settings.schedule(), _questions(settings), settings.plan.texts.levels
+    with opened(settings.table, flow.kind, schedule.to_json(), resume=settings.resume, levels=levels) as store:
         rows = _rows_to_go_on_with(settings, store)
-        yield OrderFlow(settings.conducted_plan, schedule, chosen.law, rows, now_us, constants, questions), store
-
-
-@contextmanager
-def limits_session(settings: SessionSettings, now_us: int) -> Iterator[tuple[LimitsFlow, Store[LimitsRow]]]:
-    """Yield flow and table of the measurement of the JND."""
-    check_number(settings)
-    keep_plan(settings.plan, settings.out)
-    schedule, questions = _schedule(settings, LIMITS, LimitsSchedule, draw_limits), _questions(settings)
-    with opened(settings.table(LIMITS), LimitsRow, schedule.to_json(), resume=settings.resume) as store:
-        rows = _rows_to_go_on_with(settings, store)
-        yield LimitsFlow(settings.conducted_plan, schedule, rows, now_us, settings.constants, questions), store
-
-
-def _schedule(
-    settings: SessionSettings, task: str, kind: type[AnySchedule], draw: Callable[[Plan, str, int, int], AnySchedule]
-) -> AnySchedule:
-    """Return the schedule of a session: the stored one if it goes on, else a new one."""
-    stored = stored_schedule(settings.folder(task)) if settings.resume else None
-    if stored is None:
-        return draw(settings.plan, settings.participant, settings.session, settings.seed)
-    schedule = kind.from_json(stored, str(settings.folder(task)))
-    if schedule.plan != settings.plan.digest():
-        raise SettingsError("the session was begun with another plan; go on with that one")
-    return schedule
+        yield flow(settings.conducted_plan, schedule, rows, now_us, constants, questions), store
 
 
 def _questions(settings: SessionSettings) -> list[QuestionPlan]:
@@ -250,7 +238,7 @@ def _questions(settings: SessionSettings) -> list[QuestionPlan]:
     return [question for question in settings.plan.question if question.name not in asked]
 
 
-def _rows_to_go_on_with(settings: SessionSettings, store: Store[AnyRow]) -> list[AnyRow]:
+def _rows_to_go_on_with(settings: SessionSettings, store: Store[Any]) -> list[Any]:
     """Return the rows of earlier runs; raise SettingsError if they are of another observer or another device."""
     for row in store.rows[:1]:
         if row.observer != settings.observer:
@@ -306,8 +294,17 @@ def version() -> str:
     return str(provenance()["version"])
 
 
-def account_of(settings: SessionSettings, flow: OrderFlow) -> dict[str, Any]:
-    """Return the account of an ordering task for the command line: no condition, and no score of a person."""
+def account_of(settings: SessionSettings, flow: Flow[Any]) -> dict[str, Any]:
+    """Return the account of a session for the command line: no condition, and no score of a person.
+
+    Writes the file of a participant whose JND was measured.
+    """
+    if isinstance(flow, LimitsFlow):
+        try:
+            path, measured = write_participant(settings, flow)
+        except SettingsError as error:
+            return {"participant": settings.participant, "no_jnd": str(error)}
+        return {"file": str(path), **measured.model_dump()}
     trials = [row for row in flow.rows if row.event == "trial"]
     score = {} if settings.observer is None else {"correct": sum(row.correct or 0 for row in trials)}
     first = flow.rows[0]
@@ -320,5 +317,5 @@ def account_of(settings: SessionSettings, flow: OrderFlow) -> dict[str, Any]:
         **score,
         "repeated": sum(row.event == "repeated" for row in flow.rows),
         "aborted": sum(row.event == "aborted" for row in flow.rows),
-        "table": str(settings.table(ORDER)),
+        "table": str(settings.table),
     }

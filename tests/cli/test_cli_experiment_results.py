@@ -10,7 +10,7 @@ import sys
 import pytest
 
 from hapticnet.cli.console import Console
-from hapticnet.cli.experiment.sessions import conduct_all
+from hapticnet.cli.experiment.conducting import conduct_all
 from hapticnet.experiment.table import latex_text
 from hapticnet.study.plan import LimitsPlan
 from hapticnet.study.rows import OrderRow, header, to_line

@@ -6,9 +6,9 @@ from hapticnet.node.procedures import Met
 from hapticnet.node.settings import MasterSettings
 from hapticnet.study import screens
 from hapticnet.study.plan import ConditionPlan, LimitsPlan, OrderPlan, Plan
-from hapticnet.study.rig import Meet, Play, Present, Presented
+from hapticnet.study.rig import Meet, Pair, Presented
 from hapticnet.study.screens import ScreenKind
-from hapticnet.study.trial import NO_MEASURES, Played
+from hapticnet.study.trial import NO_MEASURES, Played, Stimulus
 
 DATE = "2026-11-22T10:00:00.000+00:00"
 
@@ -62,13 +62,12 @@ def outcome_of(activity):
     """Return what a device without errors makes of an activity."""
     if isinstance(activity, Meet):
         return met()
-    return played(activity.stimulus) if isinstance(activity, Play) else presented(activity.pair)
+    return presented(activity) if isinstance(activity, Pair) else played(activity)
 
 
 class GivenRig:
     """Performs everything at once; a second passes with each activity."""
 
-    description = "given"
     deepest_m = None
 
     def __init__(self, outcome_of=outcome_of):
@@ -157,14 +156,10 @@ class Person:
                 self.now_us = max(self.now_us, self.flow.screen.not_before_us or 0)
                 self.press(usual_key(self.flow))
             else:
-                if isinstance(self.flow.activity, Play):
+                if isinstance(self.flow.activity, Stimulus):
                     answer(self.flow, self.flow.trial.order, self.now_us)
                 self.complete()
         raise AssertionError("the session does not end")
 
     def rows(self, event):
         return [row for row in self.flow.rows if row.event == event]
-
-
-def is_pair(activity):
-    return isinstance(activity, Present)

@@ -13,7 +13,8 @@ import time
 from pathlib import Path
 
 from hapticnet.study.runner import conduct
-from hapticnet.study.session import LIMITS, ORDER, SessionSettings, limits_session, order_session
+from hapticnet.study.session import SessionSettings, open_session
+from hapticnet.study.tasks import LIMITS, ORDER
 from tests.study.conducted import DATE, SMALL, GivenRig, WillingFront
 
 LONGEST_S = 0.06
@@ -37,6 +38,7 @@ class WitnessedFront(WillingFront):
 
 def settings_of(folder: Path, number: int) -> SessionSettings:
     return SessionSettings(
+        task=ORDER if number % 2 else LIMITS,
         participant=f"{number:02}",
         session=1,
         seed=3,
@@ -48,15 +50,10 @@ def settings_of(folder: Path, number: int) -> SessionSettings:
     )
 
 
-def task_of(number: int) -> str:
-    return ORDER if number % 2 else LIMITS
-
-
 def run(folder: Path, number: int, begun: int | None = None) -> None:
     settings = settings_of(folder, number)
-    make = order_session if task_of(number) == ORDER else limits_session
     rig = GivenRig()
-    with make(settings, rig.now_us()) as (flow, store):
+    with open_session(settings, rig.now_us()) as (flow, store):
         front = WitnessedFront(rig, folder / f"witness-{number}", len(store.rows))
         if begun is not None:
             os.close(begun)

@@ -5,8 +5,8 @@ from itertools import permutations
 import numpy as np
 
 from hapticnet.study.observers import OBSERVERS, Look, Observer
-from hapticnet.study.order import right_pairs
 from hapticnet.study.rows import OrderRow
+from hapticnet.study.tasks import right_pairs
 
 CONDITIONS = (("none", "raw", 0.0), ("1 JND", "deadband", 1.0), ("2 JND", "deadband", 2.0), ("4 JND", "deadband", 4.0))
 FORCES_N = (2.0, 3.5, 5.0)

@@ -2,26 +2,26 @@
 
 import pytest
 
-from hapticnet.perception import WeberLaw
 from hapticnet.study import screens
-from hapticnet.study.limits import LimitsFlow, draw_limits
-from hapticnet.study.order import OrderFlow, draw_order
 from hapticnet.study.plan import QuestionPlan
-from hapticnet.study.rig import Fault, Meet, Play
+from hapticnet.study.rig import Fault, Meet, Pair
 from hapticnet.study.rows import answers_about
+from hapticnet.study.schedule import LimitsSchedule, OrderSchedule
 from hapticnet.study.screens import ScreenKind
-from tests.study.conducted import SMALL, Person, answer, is_pair, met, played, presented
+from hapticnet.study.tasks import LimitsFlow, OrderFlow
+from hapticnet.study.trial import Stimulus
+from tests.study.conducted import SMALL, Person, answer, met, played, presented
 
 CONSTANTS = {"participant": "03", "session": 1, "observer": None, "device": "given"}
-LAW = WeberLaw(weber_fraction=0.07, floor_n=0.035)
+LAW = {"weber_fraction": 0.07, "floor_n": 0.035}
 
 
-def ordering(rows=(), plan=SMALL, now_us=0):
-    return Person(OrderFlow(plan, draw_order(plan, "03", 1, 7), LAW, list(rows), now_us, CONSTANTS), now_us)
+def ordering(rows=(), plan=SMALL, now_us=0, asked=()):
+    return Person(OrderFlow(plan, OrderSchedule.draw(plan, "03", 1, 7), rows, now_us, CONSTANTS | LAW, asked), now_us)
 
 
 def limits(rows=(), plan=SMALL, now_us=0):
-    return Person(LimitsFlow(plan, draw_limits(plan, "03", 1, 7), list(rows), now_us, CONSTANTS), now_us)
+    return Person(LimitsFlow(plan, LimitsSchedule.draw(plan, "03", 1, 7), rows, now_us, CONSTANTS), now_us)
 
 
 def varied(part, **values):
@@ -41,7 +41,7 @@ def test_a_session_runs_from_instructions_to_the_end_in_this_order():
             key = {ScreenKind.CONSENT: screens.YES, ScreenKind.RATING: "4"}.get(kinds[-1], screens.ENTER)
             person.press(key)
         else:
-            if isinstance(person.flow.activity, Play):
+            if isinstance(person.flow.activity, Stimulus):
                 answer(person.flow, person.flow.trial.order, person.now_us)
             person.complete()
     block = [ScreenKind.TRIAL, ScreenKind.TRIAL, ScreenKind.RATING]
@@ -107,8 +107,8 @@ def test_the_conditions_reach_the_trial_but_no_screen():
     shown, laws = [], set()
     while not person.flow.done:
         shown.append(f"{person.flow.screen}")
-        if isinstance(person.flow.activity, Play):
-            stimulus = person.flow.activity.stimulus
+        if isinstance(person.flow.activity, Stimulus):
+            stimulus = person.flow.activity
             laws.add((person.flow.condition.name, stimulus.codec, stimulus.law.multiplier, stimulus.law.weber_fraction))
         person.go_on_to(person.flow.screen.kind)
         if person.flow.activity is None:
@@ -116,7 +116,7 @@ def test_the_conditions_reach_the_trial_but_no_screen():
             key = {ScreenKind.CONSENT: screens.YES, ScreenKind.RATING: "4"}.get(person.flow.screen.kind, screens.ENTER)
             person.press(key)
         else:
-            if isinstance(person.flow.activity, Play):
+            if isinstance(person.flow.activity, Stimulus):
                 answer(person.flow, person.flow.trial.order, person.now_us)
             person.complete()
     assert laws == {
@@ -164,7 +164,7 @@ def test_a_trial_in_vain_is_stored_and_comes_again_at_the_end_of_its_block_after
     person.go_on_to(ScreenKind.TRIAL)
     vain = person.flow.trial
     answer(person.flow, vain.order, person.now_us)
-    person.complete(outcome(person.flow.activity.stimulus))
+    person.complete(outcome(person.flow.activity))
     row = person.rows(event)[0]
     assert (row.this_n, row.attempt) == (vain.index, 0)
     assert row.reason.startswith(reason)
@@ -180,7 +180,7 @@ def test_eighty_percent_of_the_held_force_are_enough():
     person = ordering(plan=NO_PRACTICE)
     person.go_on_to(ScreenKind.TRIAL)
     answer(person.flow, "123", person.now_us)
-    person.complete(played(person.flow.activity.stimulus, delivered=0.81))
+    person.complete(played(person.flow.activity, delivered=0.81))
     assert len(person.rows("trial")) == 1
 
 
@@ -189,7 +189,7 @@ def test_escape_stops_a_trial_at_once_and_between_trials_the_session():
     person.go_on_to(ScreenKind.TRIAL)
     person.press("1", screens.ESCAPE)
     assert person.flow.answered
-    person.complete(played(person.flow.activity.stimulus))
+    person.complete(played(person.flow.activity))
     row = person.rows("aborted")[0]
     assert (row.reason, row.order_answered) == ("the participant stopped", None)
     person.press(screens.ESCAPE, after_s=0.9)  # pressed twice by mistake
@@ -219,7 +219,7 @@ def test_a_device_that_fails_again_and_again_interrupts_the_session():
         person.go_on_to(ScreenKind.TRIAL)
         answer(person.flow, person.flow.trial.order, person.now_us)
         vain = person.flow.trial.index == index
-        person.complete(played(person.flow.activity.stimulus, delivered=0.5 if vain else 1.0))
+        person.complete(played(person.flow.activity, delivered=0.5 if vain else 1.0))
         if not person.flow.done and person.flow.screen.kind is ScreenKind.REPEAT:
             person.press(screens.ENTER)
     assert person.flow.failure.startswith(f"trial {index} was begun 3 times in vain")
@@ -316,7 +316,7 @@ def test_each_pair_of_forces_is_asked_about_and_the_jnd_follows():
 def test_an_answer_is_taken_only_when_the_needle_was_pushed_into_each_tissue():
     person = ordering(plan=NO_PRACTICE)
     person.go_on_to(ScreenKind.TRIAL)
-    surface_m = person.flow.activity.stimulus.surfaces_m[2]
+    surface_m = person.flow.activity.surfaces_m[2]
     for deepest_m, untouched in ((0.0, 1), (surface_m - 0.001, 3), (surface_m + 0.001, 3)):
         person.flow.deepest_m = deepest_m
         person.press(*("123" if not person.flow.screen.typed else ""), screens.ENTER)
@@ -330,13 +330,13 @@ def test_an_answer_is_taken_only_when_the_needle_was_pushed_into_each_tissue():
 def test_a_tissue_left_out_is_told_as_that_and_not_as_a_fault_of_the_device():
     person = ordering(plan=NO_PRACTICE)
     person.go_on_to(ScreenKind.TRIAL)
-    stimulus = person.flow.activity.stimulus
+    stimulus = person.flow.activity
     answer(person.flow, person.flow.trial.order, person.now_us)
     person.complete(played(stimulus, touched=(True, True, False)))
     assert "one of the tissues was not touched" in person.flow.screen.text
     person.go_on_to(ScreenKind.TRIAL)
     answer(person.flow, person.flow.trial.order, person.now_us)
-    person.complete(played(person.flow.activity.stimulus, delivered=0.3))
+    person.complete(played(person.flow.activity, delivered=0.3))
     assert "did not reach your finger" in person.flow.screen.text
 
 
@@ -347,7 +347,7 @@ def test_a_participant_sees_at_once_that_an_answer_or_a_stop_was_taken(keys, wor
     person.press(*keys)
     assert person.flow.screen.kind is ScreenKind.MOMENT
     assert words in person.flow.screen.text
-    assert isinstance(person.flow.activity, Play)
+    assert isinstance(person.flow.activity, Stimulus)
 
 
 def test_feedback_stays_when_enter_is_pressed_twice():
@@ -373,15 +373,12 @@ def test_each_question_about_the_participant_is_asked_once_after_the_consent():
         QuestionPlan(name="age", text="How old are you?", choices=["18 to 39", "40 or more"]),
     ]
 
-    def begin(rows):
-        return Person(OrderFlow(SMALL, draw_order(SMALL, "03", 1, 7), LAW, rows, 0, CONSTANTS, asked))
-
-    person = begin([])
+    person = ordering(asked=asked)
     person.press(screens.ENTER, screens.YES)
     assert person.flow.screen.text == "Which hand do you write with?"
     person.press("3", "2")
     assert person.flow.screen.text == "How old are you?"
-    again = begin(person.flow.rows)
+    again = ordering(person.flow.rows, asked=asked)
     again.press(screens.ENTER, screens.PREFER_NOT)
     assert answers_about(again.flow.rows) == {"hand": "left", "age": "prefers not to say"}
     assert again.flow.screen.kind is ScreenKind.PRACTICE
@@ -401,9 +398,9 @@ def test_who_is_not_sure_is_told_what_to_say_wherever_that_decides():
 def test_a_pair_that_the_device_missed_is_presented_again_and_not_asked_about():
     person = limits()
     person.go_on_to(ScreenKind.STIMULI)
-    assert is_pair(person.flow.activity)
+    assert isinstance(person.flow.activity, Pair)
     question = person.flow.procedure.question()
-    person.complete(presented(person.flow.activity.pair, error_n=0.4))
+    person.complete(presented(person.flow.activity, error_n=0.4))
     row = person.rows("repeated")[0]
     assert "was felt as" in row.reason
     assert row.sensed_1_n == pytest.approx(row.held_1_n + 0.4)
@@ -419,10 +416,10 @@ def test_a_device_that_misses_every_pair_interrupts_the_measurement():
     person = limits()
     while not person.flow.done:
         person.go_on_to(ScreenKind.STIMULI)
-        person.complete(presented(person.flow.activity.pair, error_n=0.4))
+        person.complete(presented(person.flow.activity, error_n=0.4))
         if not person.flow.done:
             person.press(screens.ENTER)
-    assert person.flow.failure.startswith("a pair was presented 5 times in vain")
+    assert person.flow.failure.startswith("pair 0 was begun 5 times in vain")
 
 
 @pytest.mark.parametrize("method", ["up-down", "bayesian"])

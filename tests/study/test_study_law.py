@@ -9,7 +9,7 @@ from hapticnet.perception import PAPER_WEBER_FRACTION
 from hapticnet.study.analysis import analyse
 from hapticnet.study.plan import PRESETS, JndPlan, LimitsPlan
 from hapticnet.study.report import markdown
-from hapticnet.study.session import law_of_participant, order_session, participant_path
+from hapticnet.study.session import law_of_participant, open_session, participant_path
 from hapticnet.study.weber import participant_file
 from tests.study.killed import settings_of
 from tests.study.made import rows
@@ -82,14 +82,14 @@ def test_a_plan_may_ignore_or_require_what_was_measured(tmp_path):
 
 
 def test_every_row_has_the_law_and_a_session_goes_on_with_that_of_its_begin(tmp_path):
-    with order_session(settings(tmp_path), 0) as (flow, store):
+    with open_session(settings(tmp_path), 0) as (flow, store):
         for row in flow.take_rows():
             store.append(row)
     assert {(row.weber_fraction, row.jnd_source) for row in store.rows} == {
         (PAPER_WEBER_FRACTION, "the plan: no JND was measured")
     }
     measure(tmp_path, 0.025)
-    with order_session(settings(tmp_path, resume=True), 0) as (flow, _):
+    with open_session(settings(tmp_path, resume=True), 0) as (flow, _):
         (again,) = flow.take_rows()
     assert (again.weber_fraction, again.jnd_source) == (PAPER_WEBER_FRACTION, "the plan: no JND was measured")
 

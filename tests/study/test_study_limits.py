@@ -8,10 +8,10 @@ import pytest
 
 from hapticnet.errors import FileError, SettingsError
 from hapticnet.perception import PAPER_WEBER_FRACTION
-from hapticnet.study.limits import Ascending, ForcedChoice, Series, draw_limits
 from hapticnet.study.observers import OBSERVERS, Observer
 from hapticnet.study.plan import LimitsPlan, Plan
-from hapticnet.study.staircases import Bayesian, UpDown
+from hapticnet.study.procedure import Bayesian, Procedure, UpDown
+from hapticnet.study.schedule import LimitsSchedule, Series
 from hapticnet.study.weber import fit, load_participant, participant_file
 
 PLAN = LimitsPlan()
@@ -20,7 +20,7 @@ Z_75 = NormalDist().inv_cdf(0.75)
 
 def ascending(plan, series, says_different):
     """Ask all questions of an observer; return the procedure and the questions."""
-    procedure = Ascending(plan, series)
+    procedure = Procedure(plan, series)
     asked = []
     while (question := procedure.question()) is not None:
         asked.append(question)
@@ -84,7 +84,7 @@ def test_a_staircase_finds_the_difference_that_is_told_right_in_three_of_four(st
 @pytest.mark.parametrize("method", ["up-down", "bayesian"])
 def test_who_cannot_tell_the_largest_difference_has_no_jnd(method):
     plan = LimitsPlan(method=method, references_n=[1.0], repetitions=1, pairs=30)
-    procedure = ForcedChoice(plan, [Series(reference_n=1.0, start=0.0)], [1, 2] * 15)
+    procedure = Procedure(plan, [Series(reference_n=1.0, start=0.0)], [1, 2] * 15)
     while (question := procedure.question()) is not None:
         assert question.difference_n <= 0.4 + 1e-12
         procedure.answer(str(3 - question.comparison_interval))
@@ -93,7 +93,7 @@ def test_who_cannot_tell_the_largest_difference_has_no_jnd(method):
 
 def test_the_comparison_is_in_the_interval_that_was_drawn():
     plan = LimitsPlan(method="up-down", references_n=[1.0], pairs=5)
-    procedure = ForcedChoice(plan, [Series(reference_n=1.0, start=0.0)], [1, 2, 2, 1, 2])
+    procedure = Procedure(plan, [Series(reference_n=1.0, start=0.0)], [1, 2, 2, 1, 2])
     intervals = []
     while (question := procedure.question()) is not None:
         intervals.append(1 + int(question.forces_n[1] > question.forces_n[0]))
@@ -144,7 +144,9 @@ def measured_by(says_different, seed):
     plan = Plan()
     rng = np.random.default_rng(seed)
     procedure, _ = ascending(
-        plan.limits, draw_limits(plan, f"{seed + 1}", 1, 1).series, lambda question: says_different(question, rng)
+        plan.limits,
+        LimitsSchedule.draw(plan, f"{seed + 1}", 1, 1).series,
+        lambda question: says_different(question, rng),
     )
     counts = {"false_alarms": procedure.false_alarms, "catch_pairs": procedure.catch_pairs}
     return participant_file("03", plan.limits, procedure.by_reference(), device_errors_n={}, **counts)

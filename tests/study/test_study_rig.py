@@ -21,11 +21,12 @@ from hapticnet.runtime.runners import MasterRunner
 from hapticnet.runtime.udp import HostPort
 from hapticnet.study import screens
 from hapticnet.study.real_rig import Body, RealRig
-from hapticnet.study.rig import LIFTED_US, Fault, LiftWatch, Meet, Pair, Play, Present, VirtualRig
+from hapticnet.study.rig import LIFTED_US, Fault, LiftWatch, Meet, Pair, VirtualRig
 from hapticnet.study.rows import OrderRow
 from hapticnet.study.runner import conduct, record_trials
-from hapticnet.study.session import LIMITS, ORDER, limits_session, order_session, write_participant
+from hapticnet.study.session import open_session, write_participant
 from hapticnet.study.store import read_table
+from hapticnet.study.tasks import LIMITS
 from hapticnet.study.trial import NO_MEASURES, Stimulus
 from tests.study.conducted import GivenRig, WillingFront
 from tests.study.killed import settings_of
@@ -67,16 +68,16 @@ def run(rig, *activities):
 
 
 def test_a_first_contact_that_is_fast_is_felt_once_the_platform_has_met_the_finger():
-    (unmet,) = run(rig_with(push(0.145)), Play(STIMULUS))
+    (unmet,) = run(rig_with(push(0.145)), STIMULUS)
     assert unmet.measures.peaks_sensed_n[0] < 0.05
-    met, played = run(rig_with(push(0.145)), Meet(), Play(STIMULUS))
+    met, played = run(rig_with(push(0.145)), Meet(), STIMULUS)
     assert isinstance(met, Met)
     assert met.sensed_n == pytest.approx(0.5, abs=0.1)
     assert played.measures.peaks_sensed_n[0] > 0.4 * played.measures.peaks_held_n[0]
 
 
 def test_a_trial_tells_what_was_held_and_felt_in_each_tissue():
-    _, played = run(rig_with(), Meet(), Play(STIMULUS))
+    _, played = run(rig_with(), Meet(), STIMULUS)
     measures = played.measures
     assert measures.peaks_held_n == pytest.approx(STIMULUS.breach_forces_n, rel=0.06)
     assert measures.peaks_sensed_n == pytest.approx(STIMULUS.breach_forces_n, rel=0.12)
@@ -90,7 +91,7 @@ def test_a_trial_tells_what_was_held_and_felt_in_each_tissue():
 @pytest.mark.parametrize("codec", ["raw", "deadband"])
 def test_bytes_of_a_penetration_count_no_time_in_which_nothing_is_touched(codec):
     def measures(before_s):
-        return run(rig_with(push(0.5, before_s)), Meet(), Play(replace(STIMULUS, codec=codec)))[1].measures
+        return run(rig_with(push(0.5, before_s)), Meet(), replace(STIMULUS, codec=codec))[1].measures
 
     short, long = measures(0.1), measures(5.0)
     assert (short.penetrations, long.penetrations) == (1, 1)
@@ -102,14 +103,14 @@ def test_bytes_of_a_penetration_count_no_time_in_which_nothing_is_touched(codec)
 
 
 def test_a_push_that_the_device_cannot_follow_and_a_tissue_left_out_are_told():
-    _, played = run(rig_with(push(0.145)), Meet(), Play(STIMULUS))
+    _, played = run(rig_with(push(0.145)), Meet(), STIMULUS)
     assert played.measures.undelivered(0.95).startswith("the device delivered")
     assert played.measures.undelivered(0.1) == "tissue 2 was not touched"
     assert NO_MEASURES.undelivered(0.1) == "tissue 1 was not touched"
 
 
 def test_a_trial_without_a_link_does_not_count():
-    (outcome,) = run(rig_with(push(0.3)), Play(replace(STIMULUS, feedback="loss=100%")))
+    (outcome,) = run(rig_with(push(0.3)), replace(STIMULUS, feedback="loss=100%"))
     assert outcome.measures.force_packets == 0
     assert outcome.measures.undelivered(0.8) == "tissue 1 was not touched"
 
@@ -117,7 +118,7 @@ def test_a_trial_without_a_link_does_not_count():
 def test_both_forces_of_a_pair_are_delivered():
     rig = rig_with()
     pair = Pair(forces_n=(1.0, 1.1), stimulus_us=800_000, gap_us=300_000)
-    _, presented = run(rig, Meet(), Present(pair))
+    _, presented = run(rig, Meet(), pair)
     assert presented.sensed_n == pytest.approx((1.0, 1.1), abs=0.06)
     assert presented.missed(0.1) is None
     assert replace(presented, sensed_n=(1.2, 1.1)).missed(0.1) == "1.000 N was felt as 1.200 N"
@@ -135,7 +136,7 @@ def test_an_activity_is_stopped_even_while_the_session_before_it_closes(monkeypa
         body = Body(fingertip=Fingertip(device, LimitSettings(), ForceControlSettings()))
         async with RealRig(body, MasterSettings(), HostPort("127.0.0.1", 9), tell=print) as rig:
             for _ in range(3):
-                activity = asyncio.ensure_future(rig.run(Play(STIMULUS)))
+                activity = asyncio.ensure_future(rig.run(STIMULUS))
                 await asyncio.sleep(0)
                 rig.stop()
                 # One that is not stopped ends with another fault after 10 s: no slave answers there.
@@ -161,12 +162,12 @@ def test_a_finger_that_is_lifted_is_noticed_and_one_that_is_not_pressed_is_not()
 def test_each_trial_is_recorded_beside_the_table_and_no_recording_is_overwritten(tmp_path, form):
     settings = settings_of(tmp_path, 3)
     row = OrderRow(event="repeated", participant="03", session=1, this_n=4, attempt=1, condition="1 JND")
-    _, played = run(rig_with(push(0.3)), Meet(), Play(STIMULUS))
+    _, played = run(rig_with(push(0.3)), Meet(), STIMULUS)
     keep = record_trials(settings, form, {"device": "sim"})
     keep(row, played)
     keep(row, played)
     keep(row, Fault("nothing to keep"))
-    folder = settings.folder(ORDER) / "recordings"
+    folder = settings.folder / "recordings"
     assert sorted(file.name for file in folder.iterdir()) == [f"trial-004-1-2.{form}", f"trial-004-1.{form}"]
     session = read_session(folder / f"trial-004-1.{form}")
     assert len(session.tables["tick"]["t_us"]) == len(played.ticks["t_us"])
@@ -178,9 +179,9 @@ def test_each_trial_is_recorded_beside_the_table_and_no_recording_is_overwritten
 
 def test_a_recording_that_cannot_be_written_ends_the_session_but_loses_no_answer(tmp_path):
     settings = settings_of(tmp_path, 3)
-    settings.folder(ORDER).mkdir(parents=True)
-    (settings.folder(ORDER) / "recordings").write_text("a file where the folder should be")
-    _, played = run(rig_with(push(0.3)), Meet(), Play(STIMULUS))
+    settings.folder.mkdir(parents=True)
+    (settings.folder / "recordings").write_text("a file where the folder should be")
+    _, played = run(rig_with(push(0.3)), Meet(), STIMULUS)
     keep = record_trials(settings, "npz", {})
     with pytest.raises(FileError, match="recordings"):
         keep(OrderRow(event="trial", participant="03", session=1, this_n=0), played)
@@ -189,9 +190,9 @@ def test_a_recording_that_cannot_be_written_ends_the_session_but_loses_no_answer
 def test_a_clock_that_is_set_back_changes_the_date_and_nothing_else(tmp_path):
     dates = iter(f"2026-11-{day:02}" for day in range(29, 0, -1))
     settings, rig = settings_of(tmp_path, 3), GivenRig()
-    with order_session(settings, rig.now_us()) as (flow, store):
+    with open_session(settings, rig.now_us()) as (flow, store):
         asyncio.run(conduct(flow, rig, WillingFront(rig), store, date=lambda: next(dates)))
-    rows = read_table(settings.table(ORDER), OrderRow)
+    rows = read_table(settings.table, OrderRow)
     assert rows[-1].event == "end"
     assert [row.date for row in rows] == sorted((row.date for row in rows), reverse=True)
     onsets = [row.onset_s for row in rows]
@@ -202,12 +203,12 @@ def test_a_clock_that_is_set_back_changes_the_date_and_nothing_else(tmp_path):
 def test_a_second_measurement_keeps_the_first(tmp_path):
     paths = []
     for session, key in ((1, screens.DIFFERENT), (2, screens.DIFFERENT), (2, screens.SAME)):
-        settings, rig = replace(settings_of(tmp_path, 3), session=session), GivenRig()
-        folder = settings.folder(LIMITS)
+        settings, rig = replace(settings_of(tmp_path, 3), task=LIMITS, session=session), GivenRig()
+        folder = settings.folder
         if folder.exists():
             folder.rename(folder.with_name("earlier"))
         front = WillingFront(rig)
-        with limits_session(settings, rig.now_us()) as (flow, store):
+        with open_session(settings, rig.now_us()) as (flow, store):
             asyncio.run(conduct(flow, rig, front, store, date=lambda: ""))
             if key == screens.SAME:
                 flow.procedure.thresholds = [None if each is None else each + 0.1 for each in flow.procedure.thresholds]
@@ -220,8 +221,8 @@ def test_what_fails_beside_a_session_ends_it_after_the_row_is_stored(tmp_path):
         raise FileError("the recording cannot be written")
 
     settings, rig = settings_of(tmp_path, 3), GivenRig()
-    with order_session(settings, rig.now_us()) as (flow, store), pytest.raises(FileError, match="cannot be written"):
+    with open_session(settings, rig.now_us()) as (flow, store), pytest.raises(FileError, match="cannot be written"):
         asyncio.run(conduct(flow, rig, WillingFront(rig), store, date=lambda: "", on_outcome=fail))
-    assert [row.event for row in read_table(settings.table(ORDER), OrderRow)] == [
+    assert [row.event for row in read_table(settings.table, OrderRow)] == [
         "begin", "consent", "meet", "started"
     ]  # fmt: skip

@@ -6,9 +6,8 @@ from itertools import pairwise
 import pytest
 
 from hapticnet.errors import FileError, SettingsError
-from hapticnet.study.limits import LimitsSchedule, draw_limits
-from hapticnet.study.order import OrderSchedule, draw_order, williams_square
 from hapticnet.study.plan import PRESETS, ConditionPlan, LimitsPlan, OrderPlan, Plan, find_plan
+from hapticnet.study.schedule import LimitsSchedule, OrderSchedule, williams_square
 
 PAPER = PRESETS["paper"]
 
@@ -27,13 +26,13 @@ def test_each_condition_comes_equally_often_at_each_place_and_after_each_other(c
 def test_four_participants_have_the_four_orders_of_the_conditions():
     orders = set()
     for participant in ("01", "02", "03", "04"):
-        trials = draw_order(PAPER, participant, 1, 7).trials
+        trials = OrderSchedule.draw(PAPER, participant, 1, 7).trials
         orders.add(tuple(trials[block * 10].condition for block in range(4)))
     assert orders == set(williams_square(4))
 
 
 def test_a_blocked_session_has_ten_trials_of_each_condition_one_after_the_other():
-    schedule = draw_order(PAPER, "03", 1, 7)
+    schedule = OrderSchedule.draw(PAPER, "03", 1, 7)
     assert [trial.index for trial in schedule.trials] == list(range(40))
     assert schedule.blocks == 4
     for block in range(4):
@@ -44,35 +43,39 @@ def test_a_blocked_session_has_ten_trials_of_each_condition_one_after_the_other(
 
 def test_an_interleaved_session_has_each_condition_once_in_each_four_trials():
     plan = Plan(order=OrderPlan(arrangement="interleaved"))
-    schedule = draw_order(plan, "03", 1, 7)
+    schedule = OrderSchedule.draw(plan, "03", 1, 7)
     for start in range(0, 40, 4):
         assert {trial.condition for trial in schedule.trials[start : start + 4]} == {0, 1, 2, 3}
     assert Counter(trial.block for trial in schedule.trials) == dict.fromkeys(range(4), 10)
 
 
 def test_each_condition_runs_through_all_six_orders_before_one_comes_again():
-    schedule = draw_order(Plan(order=OrderPlan(trials=12)), "05", 2, 3)
+    schedule = OrderSchedule.draw(Plan(order=OrderPlan(trials=12)), "05", 2, 3)
     for condition in range(4):
         orders = [trial.order for trial in schedule.trials if trial.condition == condition]
         assert len(set(orders[:6])) == len(set(orders[6:])) == 6
 
 
 def test_the_order_names_the_tissues_from_softest_to_hardest():
-    for trial in draw_order(PAPER, "01", 1, 0).trials:
+    for trial in OrderSchedule.draw(PAPER, "01", 1, 0).trials:
         forces = [trial.breach_forces_n[int(each) - 1] for each in trial.order]
         assert forces == sorted(forces)
 
 
 def test_the_same_seed_draws_the_same_session_and_another_one_another():
-    first = draw_order(PAPER, "03", 1, 7)
-    assert draw_order(PAPER, "03", 1, 7) == first
-    for other in (draw_order(PAPER, "03", 1, 8), draw_order(PAPER, "03", 2, 7), draw_order(PAPER, "07", 1, 7)):
+    first = OrderSchedule.draw(PAPER, "03", 1, 7)
+    assert OrderSchedule.draw(PAPER, "03", 1, 7) == first
+    for other in (
+        OrderSchedule.draw(PAPER, "03", 1, 8),
+        OrderSchedule.draw(PAPER, "03", 2, 7),
+        OrderSchedule.draw(PAPER, "07", 1, 7),
+    ):
         assert [trial.seed for trial in other.trials] != [trial.seed for trial in first.trials]
     assert len({trial.seed for trial in (*first.trials, *first.practice)}) == 49
 
 
 def test_a_schedule_is_stored_and_read_without_change():
-    order, limits = draw_order(PAPER, "03", 1, 7), draw_limits(PAPER, "03", 1, 7)
+    order, limits = OrderSchedule.draw(PAPER, "03", 1, 7), LimitsSchedule.draw(PAPER, "03", 1, 7)
     assert OrderSchedule.from_json(order.to_json(), "a") == order
     assert LimitsSchedule.from_json(limits.to_json(), "a") == limits
     for kind in (OrderSchedule, LimitsSchedule):
@@ -84,17 +87,17 @@ def test_a_schedule_is_stored_and_read_without_change():
 @pytest.mark.parametrize("participant", ["Anna", "", "3a", "-1", "1234567", "٣"])
 def test_a_participant_is_a_number(participant):
     with pytest.raises(SettingsError, match="names are not stored"):
-        draw_order(PAPER, participant, 1, 0)
+        OrderSchedule.draw(PAPER, participant, 1, 0)
 
 
 def test_references_come_in_a_latin_square_and_a_third_more_series_are_for_catching():
-    series = draw_limits(PAPER, "02", 1, 1).series
+    series = LimitsSchedule.draw(PAPER, "02", 1, 1).series
     ascending = [each for each in series if not each.catch]
     assert Counter(each.reference_n for each in ascending) == {0.5: 5, 1.0: 5, 1.5: 5}
     assert sum(each.catch for each in series) == 5
     for start in range(0, 15, 3):
         assert {each.reference_n for each in ascending[start : start + 3]} == {0.5, 1.0, 1.5}
-    firsts = {draw_limits(PAPER, f"{number}", 1, 1).series for number in (1, 2, 3)}
+    firsts = {LimitsSchedule.draw(PAPER, f"{number}", 1, 1).series for number in (1, 2, 3)}
     assert len(firsts) == 3
 
 
@@ -105,7 +108,7 @@ def test_the_largest_comparison_is_one_that_the_device_reaches():
 
 
 def test_starts_are_random_and_within_the_plan():
-    starts = {each.start for number in range(1, 9) for each in draw_limits(PAPER, f"{number}", 1, 1).series}
+    starts = {each.start for number in range(1, 9) for each in LimitsSchedule.draw(PAPER, f"{number}", 1, 1).series}
     assert len(starts) > 10
     assert 0.0 <= min(starts) <= max(starts) <= PAPER.limits.start
 

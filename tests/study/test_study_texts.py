@@ -28,7 +28,7 @@ def plan_with(folder: Path, texts: str, plan: str = 'texts = "own.toml"\n') -> P
 def test_a_study_has_its_own_texts_beside_its_plan(tmp_path, monkeypatch):
     monkeypatch.chdir("/")
     plan = plan_with(tmp_path, shipped().replace('consent = "Consent"', 'consent = "Einwilligung"'))
-    assert Screens(plan.texts).consent().title == "Einwilligung"
+    assert Screens(plan.texts).make(ScreenKind.CONSENT, "consent", text="").title == "Einwilligung"
     assert plan.digest() != Plan().digest()
 
 
@@ -94,7 +94,7 @@ def test_every_text_of_the_page_is_used_and_every_one_that_is_used_is_there():
 
 
 def test_a_screen_in_a_terminal_breaks_no_word():
-    lines = in_lines(Screens(english()).consent(), english(), 0)
+    lines = in_lines(Screens(english()).make(ScreenKind.CONSENT, "consent", text=english().agreement), english(), 0)
     for width in (40, 80):
         text = "\n".join(fill(line, width) for line in lines)
         assert max(map(len, text.splitlines())) <= width
@@ -102,7 +102,7 @@ def test_a_screen_in_a_terminal_breaks_no_word():
 
 
 def test_a_terminal_tells_how_long_a_break_lasts():
-    screen = Screens(english()).pause(60_000_000, "")
+    screen = Screens(english()).make(ScreenKind.BREAK, "pause", "go_on", not_before_us=60_000_000)
     assert "  Enter: go on, in 45 s at the earliest" in in_lines(screen, english(), 15_000_000)
     assert "  Enter: go on" in in_lines(screen, english(), 60_000_000)
 

@@ -14,13 +14,14 @@ from hapticnet.operator.live import LiveHand
 from hapticnet.protocol.states import Connected
 from hapticnet.runtime.system import now_us
 from hapticnet.runtime.udp import HostPort
-from hapticnet.study.page import PageFront, ParticipantPage, SeenHand
+from hapticnet.study.page import ParticipantPage, SeenHand
 from hapticnet.study.plan import Plan
-from hapticnet.study.rig import Activity, Meet, Outcome, Play
+from hapticnet.study.rig import Activity, Meet, Outcome
 from hapticnet.study.rows import OrderRow
 from hapticnet.study.runner import conduct
-from hapticnet.study.session import SessionSettings, order_session
-from hapticnet.study.trial import NO_MEASURES, Played
+from hapticnet.study.session import SessionSettings, open_session
+from hapticnet.study.tasks import ORDER
+from hapticnet.study.trial import NO_MEASURES, Played, Stimulus
 from hapticnet.web.access import Access, listen_for_pages
 from hapticnet.web.server import Server
 from tests.web.rig import WITHIN_S, Client, connected
@@ -30,8 +31,6 @@ GRANT = object()
 
 class StandInRig:
     """Performs each activity until it is stopped; a trial then counts as felt, unless `undelivered`."""
-
-    description = "stand-in"
 
     def __init__(self, page: ParticipantPage, hand: SeenHand) -> None:
         self.running: Activity | None = None
@@ -55,7 +54,7 @@ class StandInRig:
     async def run(self, activity: Activity) -> Outcome:
         if isinstance(activity, Meet):
             return Met(0.5, 0.001)
-        assert isinstance(activity, Play)
+        assert isinstance(activity, Stimulus)
         self.running = activity
         self._stop.clear()
         self._page.note(Connected(GRANT), now_us())  # type: ignore[arg-type]
@@ -65,14 +64,14 @@ class StandInRig:
             self._page.observe(now_us())
             await asyncio.sleep(0.002)
         self.running = None
-        forces_n = activity.stimulus.breach_forces_n
+        forces_n = activity.breach_forces_n
         share = 0.1 if self.undelivered else 1.0
         self.undelivered = max(0, self.undelivered - 1)
         measures = replace(
             NO_MEASURES, peaks_held_n=forces_n, peaks_sensed_n=tuple(share * force_n for force_n in forces_n)
         )
         return Played(
-            stimulus=activity.stimulus,
+            stimulus=activity,
             measures=measures,
             ticks={},
             datagrams={},
@@ -86,7 +85,6 @@ class Session:
     """What a test may look at."""
 
     page: ParticipantPage
-    front: PageFront
     rig: StandInRig
     hand: LiveHand
     access: Access
@@ -147,25 +145,24 @@ async def session(out: Path, plan: Plan, *, seed: int = 1) -> AsyncIterator[Sess
     seen = SeenHand(hand)
     said: list[str] = []
     page = ParticipantPage(seen, "page", texts=plan.texts, masking_noise=plan.masking_noise, say=said.append)
-    front = PageFront(page, said.append)
     rig = StandInRig(page, seen)
     sock, access = listen_for_pages(HostPort("127.0.0.1", 0), ("operator",))
     server = Server(page, access, sock)
     settings = SessionSettings(
-        participant="01", session=1, seed=seed, plan=plan, out=out, observer=None, device="stand-in"
+        task=ORDER, participant="01", session=1, seed=seed, plan=plan, out=out, observer=None, device="stand-in"
     )
-    with order_session(settings, now_us()) as (flow, store):
+    with open_session(settings, now_us()) as (flow, store):
         await server.start()
         await page.start()
 
         async def to_the_end() -> None:
-            await conduct(flow, rig, front, store, date=lambda: "now")
+            await conduct(flow, rig, page, store, date=lambda: "now")
             await page.stop()
 
         run = asyncio.ensure_future(to_the_end())
         try:
             async with aiohttp.ClientSession() as http, asyncio.timeout(WITHIN_S):
-                yield Session(page, front, rig, hand, access, flow.rows, http, said)
+                yield Session(page, rig, hand, access, flow.rows, http, said)
         finally:
             run.cancel()
             await asyncio.gather(run, return_exceptions=True)

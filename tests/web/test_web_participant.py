@@ -182,7 +182,7 @@ def test_whoever_stops_a_trial_ends_it_at_once(tmp_path: Path, who: str, reason:
             if who == "participant":
                 await client.press(screens.ESCAPE)
             else:
-                run.front.hear_experimenter(screens.ESCAPE)
+                run.page.hear_experimenter(screens.ESCAPE)
             task = await client.see("repeat")
             assert run.rig.stopped_us
             assert "it was stopped" in str(task["text"])

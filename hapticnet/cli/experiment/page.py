@@ -3,36 +3,27 @@
 import json
 import os
 import socket
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Final, TypeAlias
+from typing import TYPE_CHECKING, Final
 
-import typer
+from hapticnet.cli.console import Console
+from hapticnet.cli.pages import listen_for, page_address, say_addresses
+from hapticnet.errors import SettingsError
+from hapticnet.files import make_folder
+from hapticnet.operator.base import Operator
+from hapticnet.study.plan import Plan
 
-if TYPE_CHECKING:
-    from hapticnet.cli.console import Console
+if TYPE_CHECKING:  # the page needs the extra web
     from hapticnet.node.events import NodeEvent
-    from hapticnet.operator.base import Operator
     from hapticnet.runtime.watching import Watcher
-    from hapticnet.study.page import PageFront, ParticipantPage
-    from hapticnet.study.plan import Plan
+    from hapticnet.study.page import ParticipantPage
     from hapticnet.web.access import Access
-
-PageOption: TypeAlias = Annotated[
-    str | None,
-    typer.Option(
-        "--page",
-        metavar="[HOST:PORT]",
-        help="Let the participant see and answer everything on a page in the browser, by default on 127.0.0.1:47880 or"
-        " a free port, and print its URL; needs the extra web.",
-    ),
-]
 
 PARTICIPANT: Final = "the participant's page: "
 """Start of the message with the page's address."""
-
 
 ADDRESS_FILE: Final = ".page.json"
 """Port and token of the page, in the folder of a session that is not over."""
@@ -47,32 +38,25 @@ class OpenedPage:
 
     sock: socket.socket
     access: "Access"
-    say: Callable[[str], None]
+    console: Console
+
+    def make(
+        self, hand: Operator | None, source: str, plan: Plan
+    ) -> "tuple[ParticipantPage, Operator | None, tuple[Watcher[NodeEvent], ...]]":
+        """Return the page of a session, the hand that moves its needle, and what serves it.
+
+        `source` says where the positions come from, in a word.
+        """
+        from hapticnet.study.page import ParticipantPage, SeenHand
+        from hapticnet.web.server import Server
+
+        seen, say = None if hand is None else SeenHand(hand), self.console.say
+        page = ParticipantPage(seen, source, texts=plan.texts, masking_noise=plan.masking_noise, say=say)
+        return page, seen, (Server(page, self.access, self.sock), page)
 
 
-@dataclass(frozen=True, slots=True)
-class Screen:
-    """The participant's page of a session.
-
-    Attributes
-    ----------
-    hand
-        The hand that moves the needle; None where nothing is moved.
-    watchers
-        What serves it.
-    """
-
-    page: "ParticipantPage"
-    front: "PageFront"
-    hand: "Operator | None"
-    watchers: "tuple[Watcher[NodeEvent], ...]"
-
-
-def check_page(page: str | None, simulate: str | None, operator: str | None = None) -> None:
+def check_page(page: str | None, simulate: str | None, operator: str | None) -> None:
     """Raise SettingsError if a page has no address or nobody to look at it, or is missing though it is the hand."""
-    from hapticnet.cli.pages import page_address
-    from hapticnet.errors import SettingsError
-
     page_address(page)
     if page is not None and simulate is not None:
         raise SettingsError("--page is for a person; a simulated observer needs none")
@@ -81,27 +65,17 @@ def check_page(page: str | None, simulate: str | None, operator: str | None = No
 
 
 @contextmanager
-def opened(page: str | None, console: "Console", folder: Path, *, resume: bool) -> Iterator[OpenedPage | None]:
+def open_page(page: str | None, console: Console, folder: Path, *, resume: bool) -> Iterator[OpenedPage | None]:
     """Yield the page that was asked for, if any, and print its address.
 
-    A session that goes on has the address of the run before, so that a page which is still open finds it again.
-
-    Parameters
-    ----------
-    folder
-        Folder of the session, which keeps the address until the session is over.
-    resume
-        Whether the session goes on.
+    A session that goes on has the address of the run before, so that a page which is still open finds it again: the
+    folder of the session keeps it until the session is over.
 
     Raises
     ------
-    SettingsError
-        If its address is malformed.
     UnavailableError
         If the extra is not installed or the address cannot be used.
     """
-    from hapticnet.cli.pages import listen_for, say_addresses
-
     if page is None:
         yield None
         return
@@ -112,14 +86,12 @@ def opened(page: str | None, console: "Console", folder: Path, *, resume: bool) 
             _keep_address(access, path)
         say_addresses({PARTICIPANT: "operator"}, access, console)
         console.say("press Escape here to stop what the participant feels, Ctrl-C to interrupt the session")
-        yield OpenedPage(sock, access, console.say)
+        yield OpenedPage(sock, access, console)
         path.unlink(missing_ok=True)
 
 
 def _keep_address(access: "Access", path: Path) -> None:
     """Store port and token of the page where only this account can read them."""
-    from hapticnet.files import make_folder
-
     make_folder(path.parent)
     with suppress(OSError):  # then a page that is still open must be given the new address
         path.unlink(missing_ok=True)
@@ -143,19 +115,3 @@ def _kept_address(path: Path) -> "Access | None":
     if not isinstance(port, int) or not 0 < port < 65536 or not isinstance(token, str) or len(token) < LEAST_TOKEN:
         return None
     return Access(DEFAULT.host, port, {"operator": token})
-
-
-def make_screen(opened: OpenedPage, hand: "Operator | None", source: str, plan: "Plan") -> Screen:
-    """Return the page of a session.
-
-    Parameters
-    ----------
-    source
-        Where the positions come from, in a word.
-    """
-    from hapticnet.study.page import PageFront, ParticipantPage, SeenHand
-    from hapticnet.web.server import Server
-
-    seen = None if hand is None else SeenHand(hand)
-    page = ParticipantPage(seen, source, texts=plan.texts, masking_noise=plan.masking_noise, say=opened.say)
-    return Screen(page, PageFront(page, opened.say), seen, (Server(page, opened.access, opened.sock), page))

@@ -1,0 +1,366 @@
+"""Conduct the sessions of ``hapticnet experiment limits`` and ``order``: many in virtual time, or one in real time."""
+
+import asyncio
+import json
+import multiprocessing
+import os
+import re
+import signal
+from collections.abc import Callable, Coroutine, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from multiprocessing.connection import Connection
+from pathlib import Path
+from threading import Thread
+from typing import TYPE_CHECKING, Any, Final, TypeAlias
+
+from hapticnet.cli.console import Console, complain, deliver, show
+from hapticnet.cli.experiment.page import OpenedPage, check_page, open_page
+from hapticnet.cli.experiment.results import write_results
+from hapticnet.cli.operators import make_operator
+from hapticnet.control.hold import LimitSettings
+from hapticnet.device.profile import Profile
+from hapticnet.device.user import UserActuator
+from hapticnet.errors import SettingsError
+from hapticnet.experiment.workers import workers
+from hapticnet.node.fingertip import Fingertip
+from hapticnet.node.settings import MasterSettings
+from hapticnet.runtime import devices
+from hapticnet.runtime.processes import Child
+from hapticnet.runtime.serial_port import Wire
+from hapticnet.runtime.system import now_us, prefer_realtime
+from hapticnet.runtime.system import run as run_loop
+from hapticnet.runtime.trust import master_key
+from hapticnet.runtime.udp import HostPort, is_loopback, open_toward, parse_host_port
+from hapticnet.study.fronts import Keyboard, SimulatedFront, TerminalFront
+from hapticnet.study.observers import ObserverSettings, parse_observer
+from hapticnet.study.plan import ASK, Plan, find_plan
+from hapticnet.study.real_rig import Body, RealRig
+from hapticnet.study.rig import VirtualRig
+from hapticnet.study.rows import Row
+from hapticnet.study.runner import RecordingForm, conduct, record_trials, usual_form
+from hapticnet.study.scene import SCENE_SPEC
+from hapticnet.study.schedule import participant_number
+from hapticnet.study.session import (
+    SessionSettings,
+    account_of,
+    check_session,
+    keep_plan,
+    law_of_participant,
+    open_session,
+)
+from hapticnet.study.tasks import ORDER
+from hapticnet.study.texts import english
+
+if TYPE_CHECKING:
+    from hapticnet.node.events import NodeEvent
+    from hapticnet.runtime.watching import Watcher
+
+MOST_PARTICIPANTS: Final = 10_000
+
+NO_NOISE: Final = "masking noise: only the page plays it (--page); play white noise from another program"
+
+OnTrial: TypeAlias = Callable[[], None]
+"""Called when a trial was answered."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Request:
+    """What was asked for, as the options of the commands have it."""
+
+    task: str
+    participant: str
+    session: int
+    plan: str
+    seed: int
+    out_dir: Path
+    device: str
+    profile: Path | None
+    page: str | None
+    simulate: str | None
+    wall_clock: bool
+    jobs: int | None
+    resume: bool
+    dry_run: bool
+    json: bool
+    quiet: bool
+    operator: str | None = None  # this one and those below: of the ordering task only
+    connect: str | None = None
+    key: Path | None = None
+    peer_key: str | None = None
+    insecure: bool = False
+    record_format: RecordingForm | None = None
+    analyse: bool = False
+
+
+def run(request: Request) -> None:
+    """Conduct the sessions of a request, and print what came of them."""
+    check_page(request.page, request.simulate, request.operator)
+    observer = None if request.simulate is None else parse_observer(request.simulate)
+    virtual = observer is not None and not request.wall_clock
+    sessions = _sessions(request, find_plan(request.plan), observer)
+    plan = sessions[0].plan
+    if request.dry_run:
+        schedules = [each.schedule() for each in sessions]
+        if request.json:
+            print(json.dumps([json.loads(each.to_json()) for each in schedules], indent=1))
+        else:
+            show("\n".join(line for each in schedules for line in each.lines(plan)))
+        return
+    known = devices.load(request.profile)
+    devices.check_device(request.device)
+    is_order = request.task == ORDER
+    form = request.record_format or usual_form(real_time=not virtual) if is_order else "none"
+    console = Console(request.task, quiet=request.quiet)
+    sessions = [_checked(each) for each in sessions]
+    laws: dict[str, list[str]] = {}
+    for each in sessions if is_order else ():
+        laws.setdefault(law_of_participant(each).describe(), []).append(each.participant)
+    keep_plan(plan, request.out_dir)
+    if observer is None and plan.consent == ASK and plan.texts.consent == english().consent:
+        console.say(
+            "the consent is the one that is shipped, which names neither the study nor whom to ask: adapt it with"
+            " 'hapticnet experiment texts' and texts = in the plan"
+        )
+    for law, people in laws.items():
+        console.say(f"participant {', '.join(people)}: {law}")
+    if virtual:
+        trials = len(sessions) * len(plan.condition) * plan.order.trials
+        counted = f"of {trials} trials" if is_order else "pairs"
+        shared = known, observer, form
+        accounts = conduct_all(_conduct_in_virtual_time, shared, sessions, request.jobs, console, counted)
+    else:
+        with open_page(request.page, console, sessions[0].folder, resume=request.resume) as opened:
+            accounts = [_conduct_in_real_time(request, sessions[0], known, observer, opened, form, console)]
+    console.finish()
+    for account in accounts:
+        for told in (*(f"excluded: {why}" for why in account.get("excluded", ())), *account.get("warnings", ())):
+            console.warn(f"participant {account['participant']}: {told}")
+    if observer is not None and request.analyse:
+        console.say("analysing the answers")
+        out = request.out_dir
+        write_results(out, out / "results", margin=None, seed=request.seed, plots=True, say=console.say)
+    title = "Ordering task" if is_order else "JND"
+    title = title if observer is None else f"{title}, simulated observer {observer.name}"
+    deliver({"title": title, "participant": accounts}, as_json=request.json, file=None)
+
+
+def _sessions(request: Request, plan: Plan, observer: ObserverSettings | None) -> list[SessionSettings]:
+    """Return the settings of each participant's session; raise SettingsError if it cannot be asked for."""
+    if request.wall_clock and observer is None:
+        raise SettingsError("--wall-clock is for simulated observers; a person is always in real time")
+    participants = _participants(request.participant)
+    if len(participants) > 1 and (observer is None or request.wall_clock):
+        raise SettingsError(f"participants {request.participant}: several at once are for --simulate in virtual time")
+    sessions = [
+        SessionSettings(
+            task=request.task,
+            participant=participant,
+            session=request.session,
+            seed=request.seed,
+            plan=plan,
+            out=request.out_dir,
+            observer=None if observer is None else observer.name,
+            device=request.device,
+            resume=request.resume and not request.dry_run,
+            hurried=request.wall_clock,
+            replays=request.resume and observer is not None and not request.wall_clock,
+        )
+        for participant in participants
+    ]
+    if any(each.table.exists() for each in sessions):  # of several simulated participants, the last may not have begun
+        sessions = [replace(each, resume=each.resume and each.table.exists()) for each in sessions]
+    return sessions
+
+
+def _checked(settings: SessionSettings) -> SessionSettings:
+    check_session(settings)
+    return settings
+
+
+def _participants(text: str) -> tuple[str, ...]:
+    """Return the participants written as 03 or 01-08."""
+    match = re.fullmatch(r"([0-9]{1,6})-([0-9]{1,6})", text)
+    if match is None:
+        participant_number(text)
+        return (text,)
+    first, last = (int(number) for number in match.groups())
+    if not first <= last < first + MOST_PARTICIPANTS:
+        raise SettingsError(f"participants {text}: expected the first and the last, such as 01-08")
+    width = len(match.group(1))
+    return tuple(f"{number:0{width}d}" for number in range(first, last + 1))
+
+
+def _seeds(settings: SessionSettings) -> tuple[int, int, int]:
+    """Return what a simulated observer draws from."""
+    return settings.seed, participant_number(settings.participant), settings.session
+
+
+def _conduct_in_virtual_time(
+    shared: tuple[Profile, ObserverSettings, RecordingForm], settings: SessionSettings, on_trial: OnTrial
+) -> dict[str, Any]:
+    """Conduct a session with a simulated observer; return its account."""
+    known, observer, form = shared
+
+    def on_row(row: Row) -> None:
+        if row.event == "trial":
+            on_trial()
+
+    device_seed = settings.seed + participant_number(settings.participant)
+    with devices.virtual_device(settings.device, known, device_seed) as made:
+        if made is None:
+            raise SettingsError(f"device {settings.device!r} cannot run in virtual time; add --wall-clock")
+        rig = VirtualRig(Fingertip(made, LimitSettings(), devices.control_settings(known)), MasterSettings())
+        front = SimulatedFront(observer, rig, _seeds(settings), waits=True)
+        keep = record_trials(settings, form, {"device": settings.device})
+        with open_session(settings, rig.now_us()) as (flow, store):
+            asyncio.run(conduct(flow, rig, front, store, on_outcome=keep, on_row=on_row))
+            return account_of(settings, flow)
+
+
+def _conduct_in_real_time(
+    request: Request,
+    settings: SessionSettings,
+    known: Profile,
+    observer: ObserverSettings | None,
+    opened: OpenedPage | None,
+    form: RecordingForm,
+    console: Console,
+) -> dict[str, Any]:
+    """Conduct a session with a person at a page or a terminal, or with a simulated observer; return its account."""
+    source, hand, page = "nobody", None, None
+    watchers: tuple[Watcher[NodeEvent], ...] = ()
+    if request.task == ORDER:
+        source = request.operator or ("udp:47810" if opened is None else "page")
+        if observer is None:
+            warn = lambda line: console.say(f"warning: {line}")  # noqa: E731
+            made = make_operator(source, insertions=1, seed=settings.seed, say=console.say, warn=warn)
+            hand, watchers = made.operator, tuple(made.watchers)
+    if opened is not None:
+        page, hand, served = opened.make(hand, source.partition(":")[0], settings.plan)
+        watchers += served
+    with (
+        _fingertip(settings, known) as (fingertip, wire),
+        _slave(request) as (address, master_settings),
+        open_session(settings, now_us()) as (flow, store),
+    ):
+        body = Body(fingertip=fingertip, wire=wire, hand=hand, hand_watchers=watchers)
+        rig = RealRig(body, master_settings, address, tell=console.say)
+        about = {"operator": source if observer is None else "scripted", "connect": str(address)}
+        keep = record_trials(settings, form, about)
+
+        async def session() -> None:
+            prefer_realtime()
+            task = asyncio.current_task()
+            assert task is not None  # noqa: S101 - for the type checker
+            asyncio.get_running_loop().add_signal_handler(signal.SIGTERM, task.cancel)
+            async with rig:
+                if observer is not None:
+                    front = SimulatedFront(observer, rig, _seeds(settings), waits=False)
+                    await conduct(flow, rig, front, store, on_outcome=keep)
+                elif page is not None:
+                    with Keyboard(page.hear_experimenter):
+                        await conduct(flow, rig, page, store, on_outcome=keep)
+                else:
+                    if settings.plan.masking_noise:
+                        complain(
+                            "masking noise: only the page plays it (--page); play white noise from another program"
+                        )
+                    with TerminalFront(settings.plan.texts) as terminal:
+                        await conduct(flow, rig, terminal, store, on_outcome=keep)
+
+        _run(session())
+        return account_of(settings, flow)
+
+
+def _run(session: Coroutine[Any, Any, None]) -> None:
+    """Run a session in real time; say how to go on if it is interrupted."""
+    try:
+        run_loop(session)
+    except (KeyboardInterrupt, asyncio.CancelledError) as error:
+        complain("interrupted; everything answered is stored, go on with --resume")
+        raise KeyboardInterrupt from error
+
+
+@contextmanager
+def _fingertip(settings: SessionSettings, known: Profile) -> Iterator[tuple[Fingertip, Wire | None]]:
+    """Yield a device with its force loop for real time, and its wire."""
+    device = settings.device
+    if device == "none":
+        raise SettingsError("the study needs a fingertip device; choose --device sim to rehearse without one")
+    with devices.real_time_device(device, known, settings.seed, complain) as (made, wire):
+        if made is None or isinstance(made, UserActuator):
+            raise SettingsError(f"device {device} renders forces by itself; the study measures its force loop")
+        yield Fingertip(made, LimitSettings(), devices.control_settings(known)), wire
+
+
+@contextmanager
+def _slave(request: Request) -> Iterator[tuple[HostPort | None, MasterSettings]]:
+    """Yield the address of the slave and the settings of masters; start a slave if one is needed and none is named."""
+    if request.task != ORDER:
+        yield None, MasterSettings()
+    elif request.connect is not None:
+        address = parse_host_port(request.connect)
+        sock, slave = open_toward(address)
+        sock.close()
+        key = master_key(address, is_loopback(slave), request.key, request.peer_key, request.insecure)
+        yield address, MasterSettings(key=key)
+    else:
+        child = Child(["slave", "--listen", "127.0.0.1:0", "--scene", SCENE_SPEC])
+        try:
+            yield parse_host_port(child.address()), MasterSettings()
+        finally:
+            child.end()
+
+
+ConductOne: TypeAlias = Callable[[Any, SessionSettings, OnTrial], dict[str, Any]]
+
+
+def conduct_all(
+    conduct_one: ConductOne,
+    shared: object,
+    sessions: list[SessionSettings],
+    jobs: int | None,
+    console: Console,
+    counted: str,
+) -> list[dict[str, Any]]:
+    """Call ``conduct_one(shared, settings, on_trial)`` for each session, on `jobs` cores; return the accounts.
+
+    Parameters
+    ----------
+    jobs
+        None for all cores.
+    counted
+        What is counted in the lines of progress, such as "of 320 trials".
+    """
+    accounts: list[dict[str, Any]] = []
+    answered = 0
+    arriving, leaving = multiprocessing.Pipe(duplex=False)
+
+    def tell() -> None:
+        console.progress(f"{answered} {counted}, {len(accounts)} of {len(sessions)} participants")
+
+    def count() -> None:
+        nonlocal answered
+        while arriving.recv():
+            answered += 1
+            tell()
+
+    counting = Thread(target=count, daemon=True)
+    counting.start()
+    try:
+        with workers(
+            min(jobs or len(os.sched_getaffinity(0)), len(sessions)), (conduct_one, shared, leaving)
+        ) as in_order:
+            for account in in_order(_conduct, sessions):
+                accounts.append(account)
+                tell()
+    finally:
+        leaving.send(False)
+        counting.join()
+    return accounts
+
+
+def _conduct(shared: tuple[ConductOne, Any, Connection], settings: SessionSettings) -> dict[str, Any]:
+    conduct_one, passed_on, leaving = shared
+    return conduct_one(passed_on, settings, lambda: leaving.send(True))

@@ -1,0 +1,272 @@
+"""How a JND is measured: pairs of forces in series, in which a staircase chooses the next difference after each answer.
+
+In the method of limits, series of pairs differ more and more until the participant says "different". The result depends
+on step and criterion: with steps of 0.005 to 0.05 N the same finger gives Weber fractions of 0.025 to 0.18. So every
+answer is stored, a step is a share of the reference, starts are random, and some series never change.
+
+In the two-interval forced choice, the participant says which of two forces is stronger, so there is no criterion. There
+are two staircases: 1-up-2-down (H. Levitt, "Transformed up-down methods in psychoacoustics", 1971), which settles where
+70.7 % of the answers are right, and a Bayesian one after Watson and Pelli ("QUEST", 1983), which asks where the answer
+tells most about the threshold. Both give the JND as the difference told right in 75 %.
+"""
+
+import math
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, field
+from statistics import NormalDist
+from typing import Final, TypeAlias
+
+import numpy as np
+
+from hapticnet.arrays import FloatArray
+from hapticnet.study.plan import LimitsPlan
+from hapticnet.study.schedule import Series
+
+Z_75: Final = NormalDist().inv_cdf(0.75)
+Z_70: Final = NormalDist().inv_cdf(math.sqrt(0.5))
+"""Standard deviations of the felt difference at 75 % right, and at 70.7 %, where 1-up-2-down settles."""
+
+LAPSE: Final = 0.02
+"""Share of answers that are given without regard to the stimulus; half of them are right. An assumption."""
+
+FIRST_SHARE: Final = 0.25
+"""Difference with which a staircase begins, as a share of the reference: several JNDs."""
+
+SMALLEST_SHARE: Final = 0.002
+FACTORS: Final = (2.0, 1.41, 1.19)
+"""Factor between two differences before the first reversal, before the third, and after."""
+
+REVERSALS: Final = 10
+AVERAGED: Final = 6
+"""Reversals after which 1-up-2-down ends, and how many of the last are averaged."""
+
+GRID: Final = 121
+
+
+class Ascending:
+    """A series of the method of limits: the JND is the smallest difference called different."""
+
+    def __init__(self, plan: LimitsPlan, series: Series) -> None:
+        self.done = False
+        self._plan = plan
+        self._series = series
+        self._asked = 0
+        self._jnd: float | None = None
+
+    def share(self) -> float:
+        """Return the next difference as a share of the reference."""
+        return 0.0 if self._series.catch else self._series.start + self._asked * self._plan.step
+
+    def answer(self, told: bool) -> None:
+        """Take whether it was called different."""
+        if told:
+            self.done = True
+            self._jnd = None if self._series.catch else self.share()
+        self._asked += 1
+        if self._series.pairs is not None:
+            self.done |= self._asked >= self._series.pairs
+        else:
+            self.done |= self.share() > self._plan.largest
+
+    def jnd(self) -> float | None:
+        """Return the JND as a share of the reference; None if there is none."""
+        return self._jnd
+
+
+@dataclass(slots=True)
+class UpDown:
+    """1-up-2-down on a logarithmic scale: smaller after two right answers, larger after a wrong one."""
+
+    largest: float
+    pairs: int
+    _share: float = FIRST_SHARE
+    _right: int = 0
+    _asked: int = 0
+    _direction: int = 0
+    _reversals: list[float] = field(default_factory=list)
+
+    @property
+    def done(self) -> bool:
+        """Whether it has asked enough."""
+        return self._asked >= self.pairs or len(self._reversals) >= REVERSALS
+
+    def share(self) -> float:
+        """Return the next difference as a share of the reference."""
+        return min(self._share, self.largest)
+
+    def answer(self, right: bool) -> None:
+        """Take the answer to it."""
+        self._asked += 1
+        if right and self._right == 0:
+            self._right = 1
+            return
+        self._right = 0
+        direction = -1 if right else 1
+        if self._direction == -direction:
+            self._reversals.append(self.share())
+        self._direction = direction
+        factor = FACTORS[min((len(self._reversals) + 1) // 2, len(FACTORS) - 1)]
+        self._share = min(max(self.share() * factor**direction, SMALLEST_SHARE), self.largest)
+
+    def jnd(self) -> float | None:
+        """Return the JND as a share of the reference."""
+        last = self._reversals[-AVERAGED:]
+        if len(last) < 4:
+            return None
+        settled = math.exp(sum(map(math.log, last)) / len(last))
+        jnd = settled * Z_75 / Z_70
+        return jnd if jnd < self.largest else None
+
+
+class Bayesian:
+    """A posterior over the JND; each difference is the one whose answer is expected to narrow it most."""
+
+    def __init__(self, largest: float, pairs: int) -> None:
+        self._largest = largest
+        self._pairs = pairs
+        self._asked = 0
+        self._jnds: FloatArray = np.geomspace(SMALLEST_SHARE, 2.0 * largest, GRID)
+        self._log_posterior: FloatArray = np.zeros(GRID)
+        self._shares: FloatArray = np.geomspace(SMALLEST_SHARE, largest, 40)
+        self._right: FloatArray = _share_right(self._shares[:, np.newaxis], self._jnds)
+
+    @property
+    def done(self) -> bool:
+        """Whether it has asked enough."""
+        return self._asked >= self._pairs
+
+    def share(self) -> float:
+        """Return the next difference as a share of the reference."""
+        posterior = self._posterior()
+        right = self._right @ posterior
+        # Information that the answer gives: entropy of the answer less its mean entropy at a known JND.
+        gained = _entropy(right) - _entropy(self._right) @ posterior
+        return float(self._shares[int(gained.argmax())])
+
+    def answer(self, right: bool) -> None:
+        """Take the answer to it."""
+        chances = self._right[int(np.abs(self._shares - self.share()).argmin())]
+        self._asked += 1
+        self._log_posterior += np.log(chances if right else 1.0 - chances)
+
+    def jnd(self) -> float | None:
+        """Return the JND as a share of the reference: the mean of the posterior of its logarithm."""
+        if not self._asked:
+            return None
+        jnd = math.exp(float(self._posterior() @ np.log(self._jnds)))
+        return jnd if jnd < self._largest else None
+
+    def _posterior(self) -> FloatArray:
+        weights = np.exp(self._log_posterior - self._log_posterior.max())
+        posterior: FloatArray = weights / weights.sum()
+        return posterior
+
+
+def _share_right(shares: FloatArray, jnds: FloatArray) -> FloatArray:
+    """Return the share of right answers at differences, for JNDs: a cumulative normal through 75 % at the JND."""
+    normal = np.vectorize(NormalDist().cdf, otypes=[np.float64])
+    right: FloatArray = 0.5 * LAPSE + (1.0 - LAPSE) * normal(Z_75 * shares / jnds)
+    return right
+
+
+def _entropy(share: FloatArray) -> FloatArray:
+    entropy: FloatArray = -share * np.log(share) - (1.0 - share) * np.log1p(-share)
+    return entropy
+
+
+Staircase: TypeAlias = Ascending | UpDown | Bayesian
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Question:
+    """The next pair: numbers of its series and of the pair within it, and its forces [N]."""
+
+    series: int
+    step: int
+    reference_n: float
+    difference_n: float  # comparison minus reference
+    comparison_interval: int = 2  # interval of the comparison, 1 or 2
+    catch: bool = False
+
+    @property
+    def forces_n(self) -> tuple[float, float]:
+        """The forces [N] in the order in which they come."""
+        comparison_n = self.reference_n + self.difference_n
+        return (self.reference_n, comparison_n) if self.comparison_interval == 2 else (comparison_n, self.reference_n)
+
+
+class Procedure:
+    """Asks the questions of all series, one after the other.
+
+    Parameters
+    ----------
+    intervals
+        For a forced choice: the interval of the comparison in each pair, ``plan.pairs`` for each series.
+    answers
+        Answers that were given before.
+    """
+
+    def __init__(
+        self, plan: LimitsPlan, series: Sequence[Series], intervals: Sequence[int] = (), answers: Iterable[str] = ()
+    ) -> None:
+        self.thresholds: list[float | None] = []  # JND [N] of each series that is over; None if none was found
+        # Pairs of catch series that were answered, and those called different; None for a method without such series.
+        self.catch_pairs = self.false_alarms = 0 if plan.method == "ascending" else None
+        self._plan = plan
+        self._series = series
+        self._intervals = intervals
+        self._step = 0
+        self._staircase = self._begin()
+        for answer in answers:
+            self.answer(answer)
+
+    def _begin(self) -> Staircase | None:
+        """Return the staircase of the next series."""
+        plan, number = self._plan, len(self.thresholds)
+        if number >= len(self._series):
+            return None
+        if plan.method == "ascending":
+            return Ascending(plan, self._series[number])
+        return (UpDown if plan.method == "up-down" else Bayesian)(plan.largest, plan.pairs)
+
+    def question(self) -> Question | None:
+        """Return the next pair; None when all series are over."""
+        if self._staircase is None:
+            return None
+        plan, number, interval = self._plan, len(self.thresholds), 2
+        if plan.method != "ascending":
+            interval = self._intervals[(number * plan.pairs + self._step) % len(self._intervals)]
+        series = self._series[number]
+        return Question(
+            series=number,
+            step=self._step,
+            reference_n=series.reference_n,
+            difference_n=self._staircase.share() * series.reference_n,
+            comparison_interval=interval,
+            catch=series.catch,
+        )
+
+    def answer(self, answer: str) -> None:
+        """Take the answer to the present question: "same" or "different", or the interval that felt stronger."""
+        question, staircase = self.question(), self._staircase
+        if question is None or staircase is None:
+            return
+        told = answer in ("different", str(question.comparison_interval))
+        self._step += 1
+        staircase.answer(told)
+        if question.catch and self.catch_pairs is not None and self.false_alarms is not None:
+            self.catch_pairs += 1
+            self.false_alarms += told
+        if staircase.done:
+            share = staircase.jnd()
+            self.thresholds.append(None if share is None else share * question.reference_n)
+            self._step = 0
+            self._staircase = self._begin()
+
+    def by_reference(self) -> dict[float, list[float | None]]:
+        """Return the JNDs [N] of each reference; None where no difference was large enough."""
+        found: dict[float, list[float | None]] = {reference_n: [] for reference_n in self._plan.references_n}
+        for series, threshold_n in zip(self._series, self.thresholds, strict=False):
+            if not series.catch:
+                found[series.reference_n].append(threshold_n)
+        return found
