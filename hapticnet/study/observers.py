@@ -88,9 +88,7 @@ class ObserverSettings:
     # standard errors fall.
     spread: float = 0.35
     lapse: float = 0.0  # share of answers that are guesses: an assumption; 0 to 5 % is common
-    step_masking: float = (
-        0.0  # noise that steps of the held force add, in multiples of the step: fitted, see `OBSERVERS`
-    )
+    step_masking: float = 0.0  # noise that a step adds, in multiples of the step: fitted, see `OBSERVERS`
     step_lapses: float = 0.0  # share of guesses for each unit of the step: fitted
     rhythm: float = 0.0  # share of trials, for each unit of the step, ordered by the number of updates: fitted
     annoyance: float = 1.0  # by how much a rating falls for a step of one `force_jnd`: an assumption
