@@ -163,7 +163,7 @@ def order_intervals(experiments: int) -> list[dict[str, Any]]:
                 for index, scores in enumerate(answers.scores(experiments, people, trials, rng)):
                     right = np.rint(trials * scores.sum(axis=0)).astype(int).tolist()
                     of_share = share_interval(right[0], people * trials, scores[:, 0])
-                    of_trials = wilson(right[0], people * trials)
+                    of_trials = wilson(right[0] / (people * trials), people * trials)
                     least = sum(chance_variance(each, people * trials, people) for each in right)
                     differences = scores[:, 1] - scores[:, 0]
                     of_difference = mean_interval(differences, least_variance=least)

@@ -8,7 +8,7 @@ from collections import Counter
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from statistics import fmean, median
-from typing import Final, TypeAlias
+from typing import Final, NamedTuple, TypeAlias
 
 import numpy as np
 
@@ -43,8 +43,15 @@ PAPER_ERRORS: Final = {"none": 0.075, "1 JND": 0.056, "2 JND": 0.049, "4 JND": 0
 APART: Final = "analyse each in a folder of its own"
 
 Interval: TypeAlias = tuple[float, float]
-Measure: TypeAlias = Callable[[Sequence[OrderRow]], float | None]
-"""A figure of some trials of one participant; None where they do not say."""
+
+
+class Measure(NamedTuple):
+    """What is computed from the trials of one participant, or from the ratings, and how it is shown."""
+
+    name: str
+    of: Callable[[Sequence[OrderRow]], float | None]  # None where the rows do not say
+    form: str = "{:.1f}"
+    factor: float = 1.0
 
 
 def mean(values: Iterable[float | None]) -> float | None:
@@ -53,25 +60,17 @@ def mean(values: Iterable[float | None]) -> float | None:
     return fmean(known) if known else None
 
 
-def _mean_of(attribute: str, factor: float = 1.0) -> Measure:
-    def measure(rows: Sequence[OrderRow]) -> float | None:
-        found = mean(getattr(row, attribute) for row in rows)
-        return None if found is None else factor * found
-
-    return measure
+def _mean_of(attribute: str) -> Callable[[Sequence[OrderRow]], float | None]:
+    return lambda rows: mean(getattr(row, attribute) for row in rows)
 
 
-def _per_penetration(attribute: str) -> Measure:
-    def measure(rows: Sequence[OrderRow]) -> float | None:
+def _per_penetration(attribute: str) -> Callable[[Sequence[OrderRow]], float | None]:
+    def measured(rows: Sequence[OrderRow]) -> float | None:
         told = [row for row in rows if getattr(row, attribute) is not None and row.penetrations]
         through = sum(row.penetrations or 0 for row in told)
         return sum(getattr(row, attribute) for row in told) / through if through else None
 
-    return measure
-
-
-def _right_pairs(rows: Sequence[OrderRow]) -> float | None:
-    return mean(row.pairs_correct / 3 for row in rows if row.pairs_correct is not None)
+    return measured
 
 
 def _delivered(rows: Sequence[OrderRow]) -> float | None:
@@ -84,36 +83,39 @@ def _delivered(rows: Sequence[OrderRow]) -> float | None:
     )
 
 
-def _largest_peak(rows: Sequence[OrderRow]) -> float | None:
-    return mean(max((peak or 0.0) for peak in row.peaks_sensed_n) for row in rows)
-
-
 def _median_time(rows: Sequence[OrderRow]) -> float | None:
     times = [row.contact_to_answer_s for row in rows if row.contact_to_answer_s is not None]
     return median(times) if times else None
 
 
-MEASURES: Final[dict[str, tuple[str, Measure]]] = {
-    "correct": ("correct orders", _mean_of("correct")),
-    "pairs": ("correct pairs", _right_pairs),
-    "kendall": ("Kendall's distance", _mean_of("kendall")),
-    "bytes": ("bytes per penetration", _per_penetration("penetration_bytes")),
-    "packets": ("packets per penetration", _per_penetration("penetration_packets")),
-    "time_s": ("time from contact to answer [s]", _median_time),
-    "insertions": ("insertions", _mean_of("insertions")),
-    "penetrations": ("penetrations", _mean_of("penetrations")),
-    "peak_n": ("force at contact: largest sensed [N]", _largest_peak),
-    "delivered": ("sensed over held peak", _delivered),
-    "error": ("perceptual error of the held force", _mean_of("perceptual_error")),
-    "speed_m_per_s": ("largest speed in contact", _mean_of("peak_speed_m_per_s")),
-}
-"""The measures: name in tables, and how it is computed from the trials of one participant."""
+def _right_pairs(rows: Sequence[OrderRow]) -> float | None:
+    return mean(row.pairs_correct / 3 for row in rows if row.pairs_correct is not None)
 
-NAMES: Final[dict[str, str]] = {**{key: name for key, (name, _) in MEASURES.items()}, "rating": "rating, 1 to 7"}
-WITH_MARGIN: Final = ("correct",)  # a margin of equivalence is stated for it
-SHARES: Final = ("correct", "pairs")  # from 0 to 1
-COMPARED: Final = (*WITH_MARGIN, "pairs", "kendall", "time_s", "insertions", "peak_n", "rating")
-"""Measures that are compared between conditions."""
+
+MEASURES: Final = {
+    "correct": Measure("correct orders", _mean_of("correct"), "{:.1f} %", 100.0),
+    "pairs": Measure("correct pairs", _right_pairs, "{:.1f} %", 100.0),
+    "kendall": Measure("Kendall's distance", _mean_of("kendall"), "{:.2f}"),
+    "bytes": Measure("bytes per penetration", _per_penetration("penetration_bytes"), "{:,.0f}"),
+    "packets": Measure("packets per penetration", _per_penetration("penetration_packets"), "{:,.1f}"),
+    "time_s": Measure("time from contact to answer [s]", _median_time),
+    "insertions": Measure("insertions", _mean_of("insertions")),
+    "penetrations": Measure("penetrations", _mean_of("penetrations")),
+    "peak_n": Measure(
+        "force at contact: largest sensed [N]",
+        lambda rows: mean(max((peak or 0.0) for peak in row.peaks_sensed_n) for row in rows),
+        "{:.2f}",
+    ),
+    "delivered": Measure("sensed over held peak", _delivered, "{:.0f} %", 100.0),
+    "error": Measure("perceptual error of the held force", _mean_of("perceptual_error"), "{:.3f}"),
+    "speed_m_per_s": Measure("largest speed in contact", _mean_of("peak_speed_m_per_s"), "{:.0f} mm/s", 1000.0),
+    "rating": Measure("rating, 1 to 7", _mean_of("rating"), "{:.2f}"),
+}
+"""The rating is of the rows of ratings, the others are of the trials."""
+
+SHARES: Final = "correct", "pairs"  # from 0 to 1
+COMPARED: Final = "correct", "pairs", "kendall", "time_s", "insertions", "peak_n", "rating"
+"""Measures that are compared between conditions; a margin of equivalence is stated for the first."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -150,7 +152,7 @@ class ConditionResult:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Comparison:
-    """A condition less the reference, over the participants with both. The last three are for `WITH_MARGIN` only."""
+    """A condition less the reference, over the participants with both. The last three are of correct orders only."""
 
     measure: str
     condition: str
@@ -201,10 +203,7 @@ def analyse(rows: Sequence[OrderRow], *, margin: float = MARGIN, seed: int = 1) 
     seed
         Seed of the resamples for the interval of the curve.
 
-    Raises
-    ------
-    SettingsError
-        If no trial was answered, or the trials belong to two designs or to people and simulated observers.
+    Raises SettingsError if no trial was answered, or the trials belong to two designs or to people and observers.
     """
     trials = accepted(rows)
     if not trials:
@@ -266,11 +265,10 @@ def _check_design(rows: Sequence[OrderRow], trials: Sequence[OrderRow]) -> None:
             raise SettingsError(f"the folder mixes two designs: condition {name!r} is {told}; {APART}")
         tissues.setdefault(tuple(sorted(row.breach_forces_n, key=lambda force_n: force_n or 0.0)), row.participant)
     if len(tissues) > 1:
-        listed = {
-            ", ".join("n/a" if force_n is None else f"{force_n:g}" for force_n in forces_n): person
+        told = "; ".join(
+            f"{', '.join('n/a' if each is None else f'{each:g}' for each in forces_n)} N (participant {person})"
             for forces_n, person in tissues.items()
-        }
-        told = "; ".join(f"{forces} N (participant {person})" for forces, person in listed.items())
+        )
         raise SettingsError(f"the folder mixes two designs: the breach forces are {told}; {APART}")
 
 
@@ -291,8 +289,7 @@ def _missing(
     told = []
     unanswered = len({(r.participant, r.session, r.this_n) for r in rows if r.event == "trial"}) - len(trials)
     if unanswered:
-        are = "1 trial without an answer is" if unanswered == 1 else f"{unanswered} trials without an answer are"
-        told.append(f"{are} left out.")
+        told.append(f"Trials without an answer, left out: {unanswered}.")
     people = sorted({row.participant for row in trials})
     counts = Counter((row.participant, row.condition) for row in trials)
     for name in conditions:
@@ -342,12 +339,11 @@ def _condition(trials: Sequence[OrderRow], ratings: Sequence[OrderRow], particip
     pairs = [_pair(trials, participants, softer, harder) for softer, harder in ((0, 1), (1, 2), (0, 2))]
     correct = sum(row.correct or 0 for row in trials)
     own = {person: [row for row in trials if row.participant == person] for person in participants}
+    given = {person: [row for row in ratings if row.participant == person] for person in participants}
     figures = {
-        key: _figure([measure(own[person]) for person in participants]) for key, (_, measure) in MEASURES.items()
+        key: _figure([measure.of((given if key == "rating" else own)[person]) for person in participants])
+        for key, measure in MEASURES.items()
     }
-    figures["rating"] = _figure(
-        [mean(row.rating for row in ratings if row.participant == person) for person in participants]
-    )
     paper = next((each for each in CONDITIONS if each.name == name), None)
     return ConditionResult(
         name=name,
@@ -396,7 +392,7 @@ def _comparison(key: str, reference: ConditionResult, other: ConditionResult, ma
     if not len(differences):
         return None
     least = 0.0
-    if key in WITH_MARGIN:
+    if key == "correct":
         people = len(reference.figures[key].each)
         least = sum(chance_variance(each.correct, each.trials, people) for each in (reference, other))
     probability = two_sided(sign_flip(differences))
@@ -410,7 +406,7 @@ def _comparison(key: str, reference: ConditionResult, other: ConditionResult, ma
         adjusted=probability,
         participants=len(differences),
     )
-    if key not in WITH_MARGIN:
+    if key != "correct":
         return comparison
     within, interval_90 = equivalence(differences, margin, least_variance=least)
     return replace(

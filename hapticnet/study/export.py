@@ -23,25 +23,10 @@ BIDS_NAMES: Final = {"onset_s": "onset", "duration_s": "duration", "response_tim
 
 
 def export(source: Path, target: Path, *, name: str, people: str = "") -> list[Path]:
-    """Write the data of a study to a new folder; return the files.
+    """Write the data of a study to a new folder, or an empty one; return the files.
 
-    Parameters
-    ----------
-    source
-        The folder of the study.
-    target
-        A folder that does not exist or is empty.
-    name
-        Name of the data set.
-    people
-        Who made it, for "Authors"; several are separated by semicolons.
-
-    Raises
-    ------
-    SettingsError
-        If there is nothing to export, or the target is not empty.
-    FileError
-        If a file cannot be read or written.
+    `name` and `people` (separated by semicolons) are for "Name" and "Authors" of the data set. Raises SettingsError if
+    there is nothing to export or the target is not empty, and FileError if a file cannot be read or written.
     """
     rows: dict[tuple[str, str, int], list[Row]] = {}  # by participant, task and session
     for task, (kind, _) in TASKS.items():

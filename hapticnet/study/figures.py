@@ -1,4 +1,4 @@
-"""Figures of a study: bytes per penetration, correct orders, the curve of thresholds, pairs and ratings."""
+"""Figures of a study: bytes per penetration (the paper's Fig. 4), correct orders (Fig. 5), and the curve."""
 
 import math
 from collections.abc import Callable, Sequence
@@ -10,12 +10,9 @@ import numpy as np
 
 from hapticnet.experiment.style import (
     BLUE,
-    COLOURS,
-    DASHES,
     GREEN,
     GREY,
     INK,
-    MARKERS,
     ORANGE,
     SKY,
     VERMILION,
@@ -46,12 +43,9 @@ def draw_results(results: Results, folder: Path) -> list[Path]:
     paints: dict[str, Callable[[Any, Results], None]] = {
         "bytes-per-penetration": _bytes,
         "correct-orders": _correct,
-        "pairs": _pairs,
     }
     if results.curve is not None:
         paints["curve"] = _curve
-    if any(each.figures["rating"].mean is not None for each in results.conditions):
-        paints["ratings"] = _ratings
     files = [folder / f"{name}.{form}" for name in paints for form in FORMS]
     for file in files:
         with picture(file, HEIGHT_IN) as figure:
@@ -139,24 +133,6 @@ def _correct(axes: Any, results: Results) -> None:
     _title(axes, "Correct orders", results, told, fontsize=8)
 
 
-def _pairs(axes: Any, results: Results) -> None:
-    names = ("softest–middle", "middle–hardest", "softest–hardest")
-    for number, name in enumerate(names):
-        shares = [100 * each.pair_shares[number] for each in results.conditions]
-        look = {"color": COLOURS[number], "marker": MARKERS[number], "linestyle": DASHES[number]}
-        places = np.arange(len(shares)) + 0.08 * (number - 1)
-        ends = np.array([100 * np.array(each.pair_intervals[number]) for each in results.conditions])
-        axes.plot(places, shares, **look, markersize=4.5, label=name)
-        axes.vlines(places, ends[:, 0], ends[:, 1], color=COLOURS[number], linewidth=0.9)
-    mark_level(axes, 50.0, "chance")
-    _ticks(axes, results)
-    lowest = min([100 * low for each in results.conditions for low, _ in each.pair_intervals])
-    axes.set_ylim(min(40.0, lowest - 5.0), 103.0)
-    axes.set_ylabel("correct pairs [%]")
-    legend(axes.figure, axes, title="pair")
-    _title(axes, "Which pairs are told apart: share and 95 % interval over participants", results)
-
-
 def _curve(axes: Any, results: Results) -> None:
     codec = next(each.codec for each in results.conditions if each.codec != "raw")
     along = [each for each in results.conditions if each.codec in ("raw", codec)]
@@ -190,15 +166,3 @@ def _curve(axes: Any, results: Results) -> None:
     axes.set_ylabel("difference of correct orders [points]")
     legend(axes.figure, axes, below=False)
     _title(axes, "From which threshold on is performance worse?", results)
-
-
-def _ratings(axes: Any, results: Results) -> None:
-    for place, condition in enumerate(results.conditions):
-        figure = condition.figures["rating"]
-        if figure.mean is not None:
-            axes.errorbar(place, figure.mean, yerr=figure.error, fmt="o", color=BLUE, capsize=4)
-            _people(axes, place, figure.each, 1.0, 6.0, aside=0.17)
-    _ticks(axes, results)
-    axes.set_ylim(0.8, 7.2)
-    axes.set_ylabel("rating, 1 (bad) to 7 (excellent)")
-    _title(axes, "Quality of experience: mean, s.e., each participant", results)

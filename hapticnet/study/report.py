@@ -7,29 +7,12 @@ from typing import Final, TypeAlias
 
 from hapticnet.experiment.table import LATEX_PACKAGES, UNKNOWN, latex_table, latex_text
 from hapticnet.experiment.table import csv_text as csv_of
-from hapticnet.study.analysis import NAMES, Comparison, ConditionResult, Figure, Results
+from hapticnet.study.analysis import MEASURES, Comparison, ConditionResult, Figure, Measure, Results
 from hapticnet.study.statistics import ALPHA, standard_error
 from hapticnet.study.weber import ParticipantFile
 
 Cells: TypeAlias = list[Sequence[str]]
 """The rows of a table, the head first."""
-
-FORMS: Final[dict[str, tuple[float, str]]] = {
-    "correct": (100.0, "{:.1f} %"),
-    "pairs": (100.0, "{:.1f} %"),
-    "kendall": (1.0, "{:.2f}"),
-    "bytes": (1.0, "{:,.0f}"),
-    "packets": (1.0, "{:,.1f}"),
-    "time_s": (1.0, "{:.1f}"),
-    "insertions": (1.0, "{:.1f}"),
-    "penetrations": (1.0, "{:.1f}"),
-    "peak_n": (1.0, "{:.2f}"),
-    "delivered": (100.0, "{:.0f} %"),
-    "error": (1.0, "{:.3f}"),
-    "speed_m_per_s": (1000.0, "{:.0f} mm/s"),
-    "rating": (1.0, "{:.2f}"),
-}
-"""For each measure, the factor and the form of its numbers."""
 
 LEAST_PARTICIPANTS: Final = 6
 """Participants below which no sign-flip test can find a difference at 5 %."""
@@ -155,10 +138,10 @@ def condition_table(results: Results) -> Cells:
         ["correct orders, 95 % over participants", *[_share(each.share, each.interval) for each in conditions]],
         ["the paper's, ± s.e.", *[_paper(each) for each in conditions]],
     ]
-    for key, name in NAMES.items():
+    for key, measure in MEASURES.items():
         shown = [each.figures[key] for each in conditions]
         if any(figure.mean is not None for figure in shown):
-            cells.append([f"{name}, mean ± s.e.", *[_figure(key, figure) for figure in shown]])
+            cells.append([f"{measure.name}, mean ± s.e.", *[_figure(measure, figure) for figure in shown]])
     reference = conditions[0].figures["bytes"].mean
     if reference:
         spent = [each.figures["bytes"].mean for each in conditions]
@@ -204,8 +187,9 @@ def _differences(results: Results, stated: str) -> list[str]:
 
 
 def _compared(each: Comparison, digits: int, points: str = " [points]") -> list[str]:
-    name, factor = NAMES[each.measure], 1.0
-    if FORMS[each.measure][1].endswith("%"):
+    measure = MEASURES[each.measure]
+    name, factor = measure.name, 1.0
+    if measure.form.endswith("%"):
         name, factor, digits = name + points, 100.0, 1
     interval = _between(each.interval, factor, digits)
     difference = signed(factor * each.difference, digits)
@@ -224,17 +208,6 @@ def _curve(results: Results) -> list[str]:
         f"Shown to be equivalent to {reference!r}: " + (", ".join(each.condition for each in equal) or "nothing") + ".",
         "Shown to be worse: " + (", ".join(each.condition for each in worse) or "nothing") + ".",
         "What is in neither list is undecided by these data.",
-    ]
-    text += [
-        f"{each.condition}: the tests of equivalence alone would say so (p {_equals(each.within_margin)}), but the 90 %"
-        " interval leaves the margin."
-        for each in shown
-        if each.within_margin is not None and each.within_margin < ALPHA and not each.equivalent
-    ]
-    text += [
-        f"{each.condition}: the test finds it worse (p {_equals(each.adjusted)}), but the 95 % interval reaches 0."
-        for each in worse
-        if each.interval[1] >= 0.0
     ]
     point, falls = results.curve, "The mean of the participants, made to fall monotonically"
     if point is None:
@@ -309,15 +282,14 @@ def _listed(lines: Iterable[str]) -> str:
     return "\n".join(f"- {line}" for line in lines)
 
 
-def _figure(key: str, figure: Figure) -> str:
+def _figure(measure: Measure, figure: Figure) -> str:
     if figure.mean is None:
         return UNKNOWN
-    factor, form = FORMS[key]
-    text = form.format(factor * figure.mean)
+    text = measure.form.format(measure.factor * figure.mean)
     if figure.error is None:
         return text
     number, _, unit = text.partition(" ")
-    return f"{number} ± {form.format(factor * figure.error).partition(' ')[0]} {unit}".rstrip()
+    return f"{number} ± {measure.form.format(measure.factor * figure.error).partition(' ')[0]} {unit}".rstrip()
 
 
 def _share(share: float, interval: tuple[float, float]) -> str:
@@ -350,8 +322,3 @@ def signed(value: float, digits: int) -> str:
 def chance(probability: float) -> str:
     """Return a probability as text."""
     return "< 0.001" if probability < 0.001 else f"{probability:.3f}"
-
-
-def _equals(probability: float) -> str:
-    text = chance(probability)
-    return text if text.startswith("<") else f"= {text}"

@@ -14,6 +14,8 @@ from hapticnet.experiment.summary import t_quantile
 
 CONFIDENCE: Final = 0.95
 
+Z: Final = NormalDist().inv_cdf(0.5 + CONFIDENCE / 2.0)
+
 ALPHA: Final = 0.05
 """Probability below which a test counts as passed."""
 
@@ -29,26 +31,18 @@ COARSE_CELLS: Final = 20_000
 LIMIT_SHARE: Final = 1e-12
 
 
-def wilson(successes: int, trials: int, confidence: float = CONFIDENCE) -> tuple[float, float]:
-    """Return Wilson's interval of a share; without trials, 0 to 1.
+def wilson(share: float, trials: float, z: float = Z) -> tuple[float, float]:
+    """Return Wilson's interval of a share of trials; `z` is the two-sided quantile that belongs to its confidence.
 
     Wilson, "Probable inference, the law of succession, and statistical inference", JASA 22 (1927).
     """
-    if trials == 0:
-        return 0.0, 1.0
-    return _wilson(successes / trials, trials, NormalDist().inv_cdf(0.5 + confidence / 2.0))
-
-
-def _wilson(share: float, trials: float, z: float) -> tuple[float, float]:
     centre = (share + z * z / (2 * trials)) / (1 + z * z / trials)
     half = z / (1 + z * z / trials) * math.sqrt(share * (1 - share) / trials + z * z / (4 * trials * trials))
     # At the ends the interval touches 0 or 1, which rounding would miss.
     return (centre - half if share > 0.0 else 0.0), (centre + half if share < 1.0 else 1.0)
 
 
-def share_interval(
-    successes: int, trials: int, shares: Sequence[float] | FloatArray, confidence: float = CONFIDENCE
-) -> tuple[float, float]:
+def share_interval(successes: int, trials: int, shares: Sequence[float] | FloatArray) -> tuple[float, float]:
     """Return the interval of the share that participants like these would reach; without trials, 0 to 1.
 
     It is Wilson's with the trials that independent answers would need for the standard error over participants, no more
@@ -62,7 +56,7 @@ def share_interval(
         return 0.0, 1.0
     share, error = successes / trials, standard_error(shares) or 0.0
     independent = min(trials, share * (1.0 - share) / error**2) if error else trials
-    return _wilson(share, independent, t_quantile(len(shares) - 1, confidence))
+    return wilson(share, independent, t_quantile(len(shares) - 1))
 
 
 def standard_error(values: Sequence[float] | FloatArray) -> float | None:
@@ -150,10 +144,7 @@ def chance_variance(successes: int, trials: int, people: int) -> float:
 
 
 def equivalence(
-    differences: Sequence[float] | FloatArray,
-    margin: float,
-    *,
-    least_variance: float = 0.0,
+    differences: Sequence[float] | FloatArray, margin: float, *, least_variance: float = 0.0
 ) -> tuple[float, tuple[float, float]]:
     """Test whether a mean difference is within a margin that was stated beforehand; two one-sided tests at 5 %.
 

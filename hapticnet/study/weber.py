@@ -25,7 +25,7 @@ Jnds: TypeAlias = Mapping[float, Sequence[float | None]]
 class WeberFit:
     """Weber's law, fitted to a person's JNDs.
 
-    The interval is of the mean of endlessly many such series: Student's, with one relative variance of all series about
+    The interval is Student's, of the mean of endlessly many such series, with one relative variance of all series about
     the mean of their reference. It is None where the series tell no spread.
     """
 
@@ -37,13 +37,7 @@ class WeberFit:
 
 
 def fit(found: Jnds) -> WeberFit:
-    """Return the fits to the JNDs of each reference.
-
-    Raises
-    ------
-    SettingsError
-        If no JND was found at any reference.
-    """
+    """Return the fits to the JNDs of each reference; raise SettingsError if no JND was found at any."""
     known = {reference_n: [each for each in series if each is not None] for reference_n, series in found.items()}
     known = {reference_n: series for reference_n, series in known.items() if series}
     if not known:
@@ -139,7 +133,7 @@ def participant_file(
     catch_pairs: int | None = None,
     **further: Any,
 ) -> ParticipantFile:
-    """Return the file of a participant whose series gave these JNDs.
+    """Return the file of a participant whose series gave these JNDs; raise SettingsError if there is none.
 
     Parameters
     ----------
@@ -151,14 +145,9 @@ def participant_file(
         None for a method without catch series.
     **further
         Further attributes of the file.
-
-    Raises
-    ------
-    SettingsError
-        If no JND was found.
     """
     fitted = fit(found)
-    tables = [_reference(reference_n, found[reference_n], device_errors_n) for reference_n in sorted(found)]
+    tables = [_reference(each, found[each], device_errors_n.get(each, ())) for each in sorted(found)]
     return ParticipantFile(
         participant=participant,
         method=plan.method,
@@ -178,9 +167,7 @@ def participant_file(
     )
 
 
-def _reference(
-    reference_n: float, series: Sequence[float | None], device_errors_n: Mapping[float, Sequence[float]]
-) -> ReferenceTable:
+def _reference(reference_n: float, series: Sequence[float | None], errors_n: Sequence[float]) -> ReferenceTable:
     known = [each for each in series if each is not None]
     return ReferenceTable(
         reference_n=reference_n,
@@ -188,7 +175,7 @@ def _reference(
         deviation_n=float(np.std(known, ddof=1)) if len(known) > 1 else None,
         series=len(series),
         censored=len(series) - len(known),
-        device_error_n=_root_mean_square(device_errors_n.get(reference_n, ())),
+        device_error_n=_root_mean_square(errors_n),
     )
 
 
@@ -225,15 +212,7 @@ def _warnings(plan: LimitsPlan, tables: Sequence[ReferenceTable], catch_pairs: i
 
 
 def load_participant(path: Path) -> ParticipantFile:
-    """Return what is known of a participant.
-
-    Raises
-    ------
-    FileError
-        If the file is missing or malformed.
-    SettingsError
-        If a key is unknown or a value cannot be used.
-    """
+    """Return what is known of a participant; raise FileError or SettingsError if the file cannot be used."""
     return parse_document(read_document(path), str(path), ParticipantFile)
 
 

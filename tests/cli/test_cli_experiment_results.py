@@ -17,7 +17,7 @@ from hapticnet.study.rows import OrderRow, header, to_line
 from hapticnet.study.weber import participant_file
 from tests.study.made import rows
 
-FIGURES = ("bytes-per-penetration", "correct-orders", "pairs", "curve", "ratings")
+FIGURES = ("bytes-per-penetration", "correct-orders", "curve")
 TABLES = ("report.md", "conditions.csv", "conditions.tex", "results.json")
 
 

@@ -11,7 +11,7 @@ from hapticnet.study.statistics import falling, sign_flip, two_sided, wilson
 @pytest.mark.parametrize(("successes", "trials"), [(0, 10), (1, 7), (43, 80), (80, 80)])
 def test_wilson_is_that_of_scipy(successes, trials):
     expected = stats.binomtest(successes, trials).proportion_ci(method="wilson")
-    assert wilson(successes, trials) == pytest.approx(tuple(expected), abs=1e-12)
+    assert wilson(successes / trials, trials) == pytest.approx(tuple(expected), abs=1e-12)
 
 
 def test_the_sign_flip_test_is_scipy_s_exact_permutation_test():

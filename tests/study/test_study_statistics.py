@@ -29,15 +29,14 @@ from hapticnet.study.statistics import (
     ("successes", "low", "high"), [(62, 0.672, 0.853), (64, 0.700, 0.873), (54, 0.566, 0.768), (43, 0.429, 0.643)]
 )
 def test_wilson_gives_the_intervals_of_the_paper_s_totals(successes, low, high):
-    assert wilson(successes, 80) == pytest.approx((low, high), abs=0.001)
+    assert wilson(successes / 80, 80) == pytest.approx((low, high), abs=0.001)
 
 
 def test_wilson_stays_within_0_and_1_and_covers_the_share():
     for trials in (1, 7, 80):
         for successes in range(trials + 1):
-            low, high = wilson(successes, trials)
+            low, high = wilson(successes / trials, trials)
             assert 0.0 <= low <= successes / trials <= high <= 1.0
-    assert wilson(0, 0) == (0.0, 1.0)
 
 
 def test_the_standard_error_is_the_paper_s():
@@ -113,15 +112,15 @@ def test_the_interval_of_a_share_covers_it_where_participants_differ(share):
         right = round(20 * scores.sum())
         low, high = share_interval(right, 320, scores)
         inside += low <= share <= high
-        over_trials += wilson(right, 320)[0] <= share <= wilson(right, 320)[1]
+        over_trials += wilson(right / 320, 320)[0] <= share <= wilson(right / 320, 320)[1]
     assert inside >= 0.92 * 300
     assert over_trials < inside
 
 
 def test_the_interval_of_a_share_is_that_over_trials_at_least_and_everything_for_one_participant():
     low, high = share_interval(62, 80, [0.775] * 8)
-    assert low < wilson(62, 80)[0]
-    assert high > wilson(62, 80)[1]
+    assert low < wilson(62 / 80, 80)[0]
+    assert high > wilson(62 / 80, 80)[1]
     assert share_interval(80, 80, [1.0] * 8)[1] == 1.0
     assert share_interval(8, 10, [0.8]) == share_interval(0, 0, []) == (0.0, 1.0)
 
