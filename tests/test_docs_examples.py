@@ -1,11 +1,13 @@
 """The code of docs/index.md, api.md, embedding.md and sweep.md runs in order and prints what the pages show."""
 
+import ast
 import contextlib
 import inspect
 import io
 import re
 import subprocess
 import sys
+import textwrap
 from dataclasses import fields
 from pathlib import Path
 
@@ -61,8 +63,20 @@ def test_every_public_name_has_an_entry_and_a_docstring():
     assert all(inspect.getdoc(getattr(hn, name)) for name in documented)
 
 
+def fields_with_a_text(kind):
+    """Return the fields of a class that a text follows, one or several with the same."""
+    described, group = [], []
+    for line in ast.parse(textwrap.dedent(inspect.getsource(kind))).body[0].body[1:]:
+        if isinstance(line, ast.AnnAssign):
+            group.append(line.target.id)
+        else:
+            described += group if isinstance(line, ast.Expr) else []
+            group = []
+    return described
+
+
 @pytest.mark.parametrize("name", ["Encoded", "Report", "LinkReport", "WeberLaw", "Recording", "Master", "Slave"])
 def test_every_field_is_described(name):
     kind = getattr(hn, name)
-    described = "".join(each.__doc__ or "" for each in kind.__mro__)
+    described = "".join(f"{each.__doc__} {fields_with_a_text(each)}" for each in kind.__mro__[:-1])
     assert [field.name for field in fields(kind) if not re.search(rf"\b{field.name}\b", described)] == []

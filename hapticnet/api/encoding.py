@@ -52,38 +52,27 @@ class Table:
 
 @dataclass(frozen=True, slots=True, kw_only=True, repr=False)
 class Report(Table, QualityReport):
-    """Cost and quality of a codec on one recording: the fields of `QualityReport`, and those below.
-
-    Attributes
-    ----------
-    codec
-        Name of the codec.
-    samples, seconds
-        Length of the recording.
-    sent, packet_rate_reduction, packets_per_s
-        Samples transmitted; ``1 - sent / samples``; `sent` per second.
-    payload_bytes
-        Bytes of all FORCE datagrams.
-    wire_bytes, wire_bytes_per_s
-        The same with 28 B of UDP and IPv4 headers each; per second.
-    wire_byte_reduction
-        ``1 - wire_bytes / (wire bytes when every sample is sent raw)``.
-    keepalives, session_wire_bytes
-        Keepalives of a session in which these forces are sent; its wire bytes including them.
-    """
+    """Cost and quality of a codec on one recording: the fields of `QualityReport`, and those below."""
 
     codec: str
+    """Name of the codec."""
     samples: int
     seconds: float
+    """Length of the recording."""
     sent: int
     packet_rate_reduction: float
     packets_per_s: float
+    """Samples transmitted; ``1 - sent / samples``; `sent` per second."""
     payload_bytes: int
+    """Bytes of all FORCE datagrams."""
     wire_bytes: int
     wire_bytes_per_s: float
+    """The same with 28 B of UDP and IPv4 headers each; per second."""
     wire_byte_reduction: float
+    """``1 - wire_bytes / (wire bytes when every sample is sent raw)``."""
     keepalives: int
     session_wire_bytes: int
+    """Keepalives of a session in which these forces are sent; its wire bytes including them."""
 
     def _table(self) -> tuple[Sequence[str], list[tuple[str, Any]]]:
         costs_first = dict.fromkeys([*Report.__annotations__, *(field.name for field in fields(self))])
@@ -92,33 +81,22 @@ class Report(Table, QualityReport):
 
 @dataclass(frozen=True, slots=True, kw_only=True, repr=False, eq=False)
 class Encoded:
-    """Result of encoding and decoding a recording of n samples without loss.
-
-    Attributes
-    ----------
-    codec
-        The codec object, with its parameters and its law.
-    t_us
-        Time stamps [µs], shape (n,).
-    force
-        The given forces [N], shape (n,) or (n, a) as given.
-    decoded
-        The force that the receiver applies at every sample [N], same shape.
-    sent
-        Indices of the transmitted samples, shape (m,).
-    payload_bytes
-        Size of each transmitted payload [B], shape (m,).
-    position
-        Positions of the tool [m], same shape, if given.
-    """
+    """Result of encoding and decoding a recording of n samples without loss."""
 
     codec: Codec
+    """The codec object, with its parameters and its law."""
     t_us: IntArray
+    """Time stamps [µs], shape (n,)."""
     force: FloatArray
+    """The given forces [N], shape (n,) or (n, a) as given."""
     decoded: FloatArray
+    """The force that the receiver applies at every sample [N], same shape."""
     sent: IntArray
+    """Indices of the transmitted samples, shape (m,)."""
     payload_bytes: npt.NDArray[np.uint16]
+    """Size of each transmitted payload [B], shape (m,)."""
     position: FloatArray | None = None
+    """Positions of the tool [m], same shape, if given."""
 
     def report(self) -> Report:
         """Return all costs and errors."""

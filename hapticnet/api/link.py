@@ -37,56 +37,41 @@ LONGEST_RUN_S = 1e5  # longest single run; its recordings take about ten gigabyt
 
 @dataclass(frozen=True, slots=True, kw_only=True, repr=False)
 class LinkReport(Table):
-    """Account of a virtual link so far.
-
-    Attributes
-    ----------
-    scene, codec
-        Names of the scene and the codec.
-    seconds
-        Virtual time since the link was made [s].
-    samples, sent, keepalives
-        Positions answered by the slave; forces and keepalives it sent.
-    packet_rate_reduction
-        ``1 - sent / samples``.
-    forward_wire_bytes, feedback_wire_bytes
-        Bytes sent by master and slave, with 28 B of UDP and IPv4 headers each.
-    forward_lost, feedback_lost
-        Datagrams that did not arrive at the slave and at the master.
-    round_trip_ms, round_trip_p99_ms
-        Median and 99th percentile of the round-trip time [ms]; None if none was measured.
-    breaches
-        Tissues breached.
-    rmse_n, max_error_n, exceed_jnd_fraction
-        Error [N] of the force that the master applies if nothing is lost; see `ErrorReport`.
-    felt_rmse_n, felt_max_error_n, felt_exceed_jnd_fraction
-        The same for the force held at the time of each position, which includes the effects of delay and loss.
-    slave, master
-        The complete reports of both sides.
-    """
+    """Account of a virtual link so far."""
 
     scene: str
     codec: str
+    """Names of the scene and the codec."""
     seconds: float
+    """Virtual time since the link was made [s]."""
     samples: int
     sent: int
     keepalives: int
+    """Positions answered by the slave; forces and keepalives it sent."""
     packet_rate_reduction: float
+    """``1 - sent / samples``."""
     forward_wire_bytes: int
     feedback_wire_bytes: int
+    """Bytes sent by master and slave, with 28 B of UDP and IPv4 headers each."""
     forward_lost: int
     feedback_lost: int
+    """Datagrams that did not arrive at the slave and at the master."""
     round_trip_ms: float | None
     round_trip_p99_ms: float | None
+    """Median and 99th percentile of the round-trip time [ms]; None if none was measured."""
     breaches: int
+    """Tissues breached."""
     rmse_n: float
     max_error_n: float
     exceed_jnd_fraction: float
+    """Error [N] of the force that the master applies if nothing is lost; see `ErrorReport`."""
     felt_rmse_n: float
     felt_max_error_n: float
     felt_exceed_jnd_fraction: float
+    """The same for the force held at the time of each position, which includes the effects of delay and loss."""
     slave: dict[str, Any]
     master: dict[str, Any]
+    """The complete reports of both sides."""
 
     def _table(self) -> tuple[Sequence[str], list[tuple[str, Any]]]:
         shown = [(name, value) for name, value in asdict(self).items() if name not in ("slave", "master")]

@@ -53,28 +53,19 @@ class Motion:
 
 @dataclass(frozen=True, slots=True)
 class Recording:
-    """A recorded force, and the motion that belongs to it if it was read.
-
-    Attributes
-    ----------
-    t_us
-        Sampling times [µs], shape (n,), n ≥ 1, as in the file: stamps since 1970 remain so.
-    force
-        Force [N], finite, shape (n, a) with 1 ≤ a ≤ 3.
-    position
-        Position [m], finite, shape (n, a); None if none was asked for.
-    names
-        Names of the a force columns.
-    notes
-        What the user should know, one sentence each: how times were read, units that were scaled, missing values,
-        gaps, repeated stamps, peaks.
-    """
+    """A recorded force, and the motion that belongs to it if it was read."""
 
     t_us: IntArray
+    """Sampling times [µs], shape (n,), n ≥ 1, as in the file: stamps since 1970 remain so."""
     force: FloatArray
+    """Force [N], finite, shape (n, a) with 1 ≤ a ≤ 3."""
     position: FloatArray | None
+    """Position [m], finite, shape (n, a); None if none was asked for."""
     names: tuple[str, ...]
+    """Names of the a force columns."""
     notes: tuple[str, ...]
+    """What the user should know, one sentence each: how times were read, units that were scaled, missing values, gaps,
+    repeated stamps, peaks."""
 
 
 def load_recording(
