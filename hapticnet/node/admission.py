@@ -1,13 +1,18 @@
-"""Whether a master gets the session it asks for, and the context that serves it."""
+"""Who gets a session at a slave, who gives way when there are none left, and whose scene is stepped between positions.
 
-from collections.abc import Callable, Hashable
+Each question about places is answered by a look at all sessions: at most `most_sessions`, and only for the few requests
+a second that `HelloFilter` lets through. Only `next_expiry_us` is asked after each datagram, and therefore kept.
+"""
+
+from collections import Counter
+from collections.abc import Callable, Collection, Hashable, Iterable
+from math import ceil
 from typing import Final, TypeAlias
 
 from hapticnet.checks import axes_of
 from hapticnet.codec.base import Codec
 from hapticnet.codec.registry import all_codecs, make_codec, with_share
 from hapticnet.errors import HapticnetError, SampleError, SettingsError
-from hapticnet.node.session_table import NoSeatError, SessionTable
 from hapticnet.node.settings import SlaveSettings
 from hapticnet.node.slave_context import SlaveContext
 from hapticnet.node.step_times import StepTimes
@@ -26,12 +31,222 @@ from hapticnet.protocol.messages import (
     Welcome,
     clipped,
 )
-from hapticnet.protocol.settings import Entropy, random_bytes
+from hapticnet.protocol.settings import Entropy, SessionSettings, random_bytes
 from hapticnet.protocol.slave_session import SlaveSession
 from hapticnet.protocol.wire import SEALED, Kind, pack, pack_body
 from hapticnet.scene.base import Touchable, bound_method, look_ahead_of
 from hapticnet.scene.measured import MeasuredScene
 from hapticnet.user_code import raised
+
+MOST_HALF_OPEN: Final = 128  # half-open sessions at once. They take no seat; this bounds their memory.
+MOST_HALF_OPEN_EACH: Final = 16  # half-open sessions of one identity at once
+
+
+class NoSeatError(HapticnetError):
+    """There is no place for another session of this identity."""
+
+
+class SessionTable:
+    """The present sessions of a slave: `by_number` has them in the order in which they came. Read it only."""
+
+    def __init__(self, settings: SessionSettings) -> None:
+        self.by_number: dict[int, SlaveContext] = {}
+        self._settings = settings
+        self._came = 0
+        self._order: dict[SlaveContext, int] = {}
+        self._now_us = 0
+        self._expiry_us: int | None = None  # before it no session expires; None: there is no session
+
+    def __len__(self) -> int:
+        return len(self.by_number)
+
+    def see(self, now_us: int) -> None:
+        """Note the time [µs]. If the clock went back, the silence of all sessions counts from now."""
+        if now_us < self._now_us:
+            for context in self.by_number.values():
+                context.session.silent_us(now_us)
+            self._look_at_expiry()
+        self._now_us = now_us
+
+    def add(self, context: SlaveContext) -> None:
+        """Add a half-open session."""
+        self._came += 1
+        self._order[context] = self._came
+        self.by_number[context.session.number] = context
+        self._note_expiry(context)
+
+    def seat(self, context: SlaveContext) -> None:
+        """Give a session its seat: it is open now."""
+        context.seated = True
+        self._note_expiry(context)  # an open session may expire sooner than a half-open one
+
+    def remove(self, context: SlaveContext) -> None:
+        """Forget a session that has ended."""
+        del self.by_number[context.session.number]
+        del self._order[context]
+        if not self.by_number:
+            self._expiry_us = None
+
+    def in_order(self, contexts: Iterable[SlaveContext]) -> list[SlaveContext]:
+        """Return present sessions in the order in which they came."""
+        return sorted(contexts, key=self._order.__getitem__)
+
+    def expired(self, now_us: int) -> list[SlaveContext]:
+        """Return the sessions that have been silent for too long. They must be removed."""
+        self.see(now_us)
+        if self._expiry_us is None or now_us < self._expiry_us:
+            return []
+        expired = [each for each in self.by_number.values() if each.session.expires_us() <= now_us]
+        self._look_at_expiry(besides=expired)
+        return expired
+
+    def next_expiry_us(self) -> int | None:
+        """Return when to ask for expired sessions next [µs]; None if there is no session."""
+        return self._expiry_us
+
+    def users_of(self, scene: Touchable) -> list[SlaveContext]:
+        """Return the open sessions that touch a scene."""
+        return [each for each in self.by_number.values() if each.seated and each.scene is scene]
+
+    def eviction_candidate(
+        self, identity: Hashable, most: int, besides: Collection[SlaveContext], now_us: int
+    ) -> SlaveContext | None:
+        """Return the session that must end so that `identity` gets another one; None if there is a free place.
+
+        A session whose master is silent gives way to another one of the same identity that holds all its places, or,
+        when all places are taken, to an identity that holds fewer: first a session of the identity that holds most, and
+        of these the one that has been silent for longest. So an identity with many places cannot shut out the others.
+        Raise NoSeatError if no session may be ended.
+
+        `most`: places that this identity may hold.
+        `besides`: sessions of this identity that hold no place.
+        """
+        self.see(now_us)
+        taken = [each for each in self.by_number.values() if each.seated and each not in besides]
+        held = Counter(each.identity for each in taken)
+        own = held[identity]
+        if own >= most:
+            candidates = [each for each in taken if each.identity == identity]
+            reason = f"all sessions that this master may have are taken; it may have {most} at once"
+        elif len(taken) >= self._settings.most_sessions:
+            candidates = [each for each in taken if held[each.identity] > own]
+            reason = f"all sessions of this slave are taken; it serves {self._settings.most_sessions} at once"
+        else:
+            return None
+        silent = [each for each in candidates if each.session.silent_us(now_us) > self._settings.gives_way_us]
+        if not silent:
+            raise NoSeatError(reason)
+        return max(silent, key=lambda each: (held[each.identity], each.session.silent_us(now_us)))
+
+    def surplus_half_open(self, identity: Hashable) -> SlaveContext | None:
+        """Return the half-open session that must end before another one of `identity` begins, or None."""
+        waiting = [each for each in self.by_number.values() if not each.seated]
+        held = Counter(each.identity for each in waiting)
+        if held[identity] < MOST_HALF_OPEN_EACH:
+            if len(waiting) < MOST_HALF_OPEN:
+                return None
+            identity = held.most_common(1)[0][0]
+        return next(each for each in waiting if each.identity == identity)
+
+    def to_continue(
+        self, identity: Hashable, name: str, ticket: bytes | None, now_us: int
+    ) -> tuple[SlaveContext, bool] | None:
+        """Return the session whose scene a new one goes on with, and whether its own master asks; None without one.
+
+        That is the session of the ticket, or the one that the session of the ticket was to continue; without a ticket,
+        one of the same identity and name. Another master than its own (one that was restarted) gets only the scene of a
+        session whose link is stale.
+        """
+        self.see(now_us)
+        for context in self.by_number.values():
+            if context.identity != identity or not context.seated:
+                continue
+            if ticket is not None:
+                is_own = context.is_own(ticket)
+            else:
+                is_own = False if context.session.request.name == name else None
+            if is_own or (is_own is not None and context.session.silent_us(now_us) > self._settings.stale_after_us):
+                return context, is_own
+        return None
+
+    def _note_expiry(self, context: SlaveContext) -> None:
+        expires_us = context.session.expires_us()
+        if self._expiry_us is None or expires_us < self._expiry_us:
+            self._expiry_us = expires_us
+
+    def _look_at_expiry(self, besides: Collection[SlaveContext] = ()) -> None:
+        others = (each for each in self.by_number.values() if each not in besides)
+        self._expiry_us = min((each.session.expires_us() for each in others), default=None)
+
+
+EACH_HZ: Final = 4_000
+"""Steps between positions a second for one identity: four usual sessions in full, and a quarter of a core."""
+
+ALL_HZ: Final = 12_000  # steps between positions a second for all
+MOST_AT_ONCE: Final = 8
+"""Steps in a row before positions that have arrived meanwhile are answered: they wait for half a millisecond."""
+
+
+class LineSteps:
+    """When scenes are stepped between positions that are sent only when they matter, and how often at most.
+
+    A line takes its master ten datagrams a second, and the slave as many steps as the session's rate says. Every step
+    that is not paid for by a datagram therefore counts toward a limit, for each identity and in all. Where a limit is
+    reached, the sessions of that identity, or all, are stepped at every second, third, … of their times, and all
+    positions that arrive are still answered.
+    """
+
+    def __init__(self) -> None:
+        self._steps_us: dict[SlaveContext, int] = {}  # when each is to be stepped
+        self._rates_hz: dict[SlaveContext, int] = {}
+        self._asked_hz: dict[Hashable, int] = {}  # by identity
+        self._all_hz = 0  # what the identities get, together, if that is not above the limit
+
+    def note(self, context: SlaveContext) -> None:
+        """Note that a session was answered, so that it is to be stepped at another time."""
+        reckoning = context.reckoning
+        if reckoning is None or reckoning.next_step_us() is None:  # it waits for a position: others may be stepped more
+            self.forget(context)
+            return
+        if context not in self._rates_hz:
+            self._rates_hz[context] = rate_hz = ceil(context.grant.rate_hz)
+            self._ask(context.identity, rate_hz)
+        reckoning.every = ceil(self._asked_hz[context.identity] / EACH_HZ) * ceil(self._all_hz / ALL_HZ)
+        step_us = reckoning.next_step_us()
+        if step_us is None:
+            self._steps_us.pop(context, None)
+        else:
+            self._steps_us[context] = step_us
+
+    def forget(self, context: SlaveContext) -> None:
+        """Remove a session."""
+        rate_hz = self._rates_hz.pop(context, None)
+        if rate_hz is not None:
+            self._ask(context.identity, -rate_hz)
+            self._steps_us.pop(context, None)
+
+    def due(self, now_us: int) -> list[SlaveContext]:
+        """Return the sessions to step now, those first that wait for longest; call `note` after each step."""
+        steps_us = self._steps_us
+        due = sorted((each for each, step_us in steps_us.items() if step_us <= now_us), key=steps_us.__getitem__)
+        for context in due[:MOST_AT_ONCE]:
+            del steps_us[context]
+        return due[:MOST_AT_ONCE]
+
+    def earliest_us(self) -> int | None:
+        """Return when a session is to be stepped next [µs]; None if there is none."""
+        return min(self._steps_us.values(), default=None)
+
+    def _ask(self, identity: Hashable, more_hz: int) -> None:
+        """Note that an identity has sessions of more, or fewer, steps a second in all."""
+        before_hz = self._asked_hz.get(identity, 0)
+        after_hz = before_hz + more_hz
+        self._all_hz += min(after_hz, EACH_HZ) - min(before_hz, EACH_HZ)
+        if after_hz:
+            self._asked_hz[identity] = after_hz
+        else:
+            del self._asked_hz[identity]
+
 
 SMALLEST_SESSION: Final = 1 << 16
 """Smallest session number: from here on all take five bytes, so datagram sizes do not depend on chance."""
@@ -57,12 +272,7 @@ class RefusalError(HapticnetError):
 
 
 class Admission:
-    """Decide on requests.
-
-    `make_scene`: called for each new scene, because every master touches its own.
-    `rng`: source of session numbers and tickets.
-    `times`: where the steps of scenes and codecs are timed.
-    """
+    """Decide on requests."""
 
     def __init__(self, make_scene: MakeScene, settings: SlaveSettings, rng: Entropy, times: StepTimes) -> None:
         self._make_scene = make_scene

@@ -18,8 +18,7 @@ from hapticnet.errors import PeerError
 from hapticnet.node.decoders import receiver
 from hapticnet.samples import Vector
 
-POSITION_BYTES: Final = 20
-"""Size of a datagram with a position [B], for a bottleneck."""
+POSITION_BYTES: Final = 20  # size of a datagram with a position [B], for a bottleneck
 
 
 class Felt(NamedTuple):
@@ -52,14 +51,10 @@ def simulate_link(
 ) -> Felt:
     """Play a recorded hand over a network: a master with a tick at each sample, and a slave that answers on arrival.
 
-    `t_us`: times of the ticks [µs], not decreasing, shape (n,).
     `stimuli`: true stimulus at each tick [N], shape (n, a).
     `positions`: position of the tool at each tick [m], shape (n, a), if known.
-    `forward`, `feedback`: the channels from master to slave and back.
     `repair_us`: time [µs] after which the slave knows that an update was lost. It then sends the next stimulus, unless
     a later update got through.
-    `rng`: random generator of both channels.
-    `passive`: whether the master damps a force that would return more energy than the hand put in.
     Raise SampleError if the codec refuses a sample.
     """
     link = _Link(codec, t_us, stimuli, positions, forward, feedback, repair_us, rng)

@@ -114,8 +114,7 @@ MOST_PLAYED: Final = 256
 """Largest cost of the past that is played to models between two positions: up to 0.35 ms of CPU time. It is that of 64
 positions for three layers: at 1 kHz, a model that is a round trip of 100 ms old is applied one position late."""
 
-COST_OF_BEGINNING: Final = 5
-"""To begin a model costs as much as to step it through so many positions."""
+COST_OF_BEGINNING: Final = 5  # to begin a model costs as much as to step it through so many positions
 
 
 class Allowance:
@@ -152,8 +151,6 @@ class AnnouncedDecoder:
     next positions, and what was applied before goes on. A model that arrives meanwhile waits, and replaces one that
     waits already.
 
-    `inner`: the codec's decoder.
-    `stiffest_n_per_m`: limit of `check_layers`.
     `allowance`: one that is shared with other decoders, which are moved at the same times; None: its own.
     """
 
@@ -254,7 +251,6 @@ class AnnouncedDecoder:
 class LineDecoder:
     """A second decoder of a session, which is where the slave takes the tool to be.
 
-    `stiffest_n_per_m`: limit of models of the contact ahead [N/m]; None if nothing is announced.
     `allowance`: that of the master's own decoder, which may therefore apply a model some positions earlier.
     """
 
@@ -295,12 +291,10 @@ MARGIN_N: Final = 0.5
 """The bound is this factor times the largest force that was answered lately, plus this force [N]: what a hand can add
 within a round trip. bench/measure/felt.py compares values."""
 
-LATELY_US: Final = 1_000_000
-"""How far back [µs] answered forces count, and positions are remembered."""
+LATELY_US: Final = 1_000_000  # how far back [µs] answered forces count, and positions are remembered
 
 
-WAY: Final = 50
-"""Positions from which a velocity follows: ten time constants at 1 kHz."""
+WAY: Final = 50  # positions from which a velocity follows: ten time constants at 1 kHz
 
 
 class Answered:
@@ -348,8 +342,6 @@ class BoundedDecoder:
 
     A second decoder, which is told the same updates, is where the newest answered position was: at the time that the
     first is asked for (`Decoder.reconstruct`).
-
-    `inner`: the decoder whose forces are bounded.
     """
 
     def __init__(self, codec: Codec, axes: int) -> None:

@@ -23,12 +23,8 @@ from hapticnet.scene.ahead import MOST_LAYERS, ContactModel, LayerAhead, LookAhe
 from hapticnet.scene.base import Touchable, look_ahead_of
 from hapticnet.vectors import distance, magnitude
 
-LOOK_EVERY_US: Final = 5_000
-"""How often the scene is asked what is ahead while the model is right [µs]."""
-
-AGREEMENT: Final = 0.5
-"""Largest error of a model that is sent, at its first position, as a share of the threshold."""
-
+LOOK_EVERY_US: Final = 5_000  # how often the scene is asked what is ahead while the model is right [µs]
+AGREEMENT: Final = 0.5  # largest error of a model that is sent, at its first position, as a share of the threshold
 FAR: Final = 0.1
 """By how much the place of a surface that is announced may change before it is announced again, as a share of the
 distance: a curved surface is a plane that turns."""
@@ -58,13 +54,7 @@ class AnnouncingAccount:
 
 
 class AnnouncingEncoder:
-    """A codec's encoder, and the models of a scene. Satisfies `Encoder`.
-
-    `inner`: the codec's encoder.
-    `law`: the threshold of the person at the master.
-    `look_ahead`: asked for the layers ahead after each step of the scene.
-    `stiffest_n_per_m`: limit of `check_layers`.
-    """
+    """A codec's encoder, and the models of a scene. Satisfies `Encoder`."""
 
     def __init__(
         self, inner: Encoder, law: WeberLaw, axes: int, look_ahead: LookAhead, stiffest_n_per_m: float
@@ -246,8 +236,7 @@ def _covers(held: LayerAhead, layer: LayerAhead, position: Vector, tolerance_n: 
     return abs(held.depth_m(position) - depth_m) <= allowed_m
 
 
-RENEW_US: Final = 100_000
-"""Shortest time [µs] between two models that are sent because positions were missed."""
+RENEW_US: Final = 100_000  # shortest time [µs] between two models that are sent because positions were missed
 
 
 class SceneFailedError(HapticnetError):

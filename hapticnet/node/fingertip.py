@@ -99,8 +99,6 @@ class Fingertip:
     def press(self, force_n: float, now_us: int, ahead_n: float | None = None) -> None:
         """Move the device one step toward a force [N]; called every tick.
 
-        `force_n`: force [N] that is to be felt now.
-        `now_us`: current time [µs].
         `ahead_n`: force [N] expected `lead_us` from now; None if nobody says. It rises no further above the target than
         the target can within that time.
         """
@@ -220,7 +218,6 @@ class Rendering:
         What drives a device may raise anything.
 
         `ahead_n`: the force expected by the time the device will have moved.
-        `counts`: whether the error of the device counts for the report.
         """
         fingertip = self.fingertip
         assert fingertip is not None, "there is a device"  # noqa: S101 - the caller's fault

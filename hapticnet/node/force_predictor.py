@@ -97,10 +97,7 @@ class ForcePredictor:
     def expected(self, now_us: int, at_us: int, lead_us: int, force_n: Vector, predict: Predict | None) -> Vector:
         """Return the force [N] expected `lead_us` from now; called once a tick, after `move`.
 
-        `now_us`: time of the tick [µs].
         `at_us`: time [µs] of the position whose force is applied now; earlier than now on a link with a delay.
-        `lead_us`: how far ahead [µs].
-        `force_n`: force [N] applied now.
         `predict`: the decoder's forecast; None if it has none.
         """
         if not self._times_us:

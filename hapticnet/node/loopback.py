@@ -24,20 +24,10 @@ class Channel(Protocol):
 
 
 class Loopback:
-    """Run both nodes; every datagram is built, carried by a channel, and parsed.
-
-    `forward`, `feedback`: the channels from master to slave and from slave to master.
-    `start_us`: virtual time at the start [µs].
-    """
+    """Run both nodes; every datagram is built, carried by a channel, and parsed."""
 
     def __init__(
-        self,
-        master: MasterNode,
-        slave: SlaveNode,
-        *,
-        forward: Channel,
-        feedback: Channel,
-        start_us: int = 0,
+        self, master: MasterNode, slave: SlaveNode, *, forward: Channel, feedback: Channel, start_us: int = 0
     ) -> None:
         self.master = master
         self.slave = slave

@@ -14,7 +14,7 @@ from hapticnet.errors import PeerError, SampleError, in_words
 from hapticnet.node.applied import Applied, AppliedForce
 from hapticnet.node.events import Failed, InForce, NodeEvent, Paused, Resumed, SettingsInForce
 from hapticnet.node.fingertip import Fingertip, Rendering
-from hapticnet.node.forward import Forward
+from hapticnet.node.positions import Forward
 from hapticnet.node.procedures import FirstTouch
 from hapticnet.node.recording import DATAGRAM_COLUMNS, IN, OUT, Recording, frame_kind, master_columns
 from hapticnet.node.settings import MasterSettings
@@ -48,7 +48,6 @@ class MasterNode:
 
     `device`: the fingertip device, or None to run without one. A `Fingertip` goes on with what it knows of the finger;
     it is only passed on.
-    `rng`: source of nonces.
     `clock`: times the steps of operator, device and a user's codec; None: they are not timed.
     """
 
@@ -282,11 +281,7 @@ class MasterNode:
         self.target_n, self.sensed_n, self.displacement_m = felt
 
     def change(
-        self,
-        *,
-        codec: str | None = None,
-        parameters: dict[str, float] | None = None,
-        law: WeberLaw | None = None,
+        self, *, codec: str | None = None, parameters: dict[str, float] | None = None, law: WeberLaw | None = None
     ) -> None:
         """Ask for a session with another codec or JND; the present one goes on until the slave grants it.
 

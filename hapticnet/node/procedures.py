@@ -24,9 +24,7 @@ STEP_COLUMNS: Final = ("t_us", "target_n", "sensed_n", "true_n", "stood_m", "sen
 LONGEST_ABSENCE_US: Final = 5_000_000
 """Longest wait [µs] for a device's first reading: a Nano's bootloader takes one to two seconds."""
 
-LONGEST_LOSS_US: Final = 500_000
-"""Longest time [µs] that a procedure continues without readings."""
-
+LONGEST_LOSS_US: Final = 500_000  # longest time [µs] that a procedure continues without readings
 LONGEST_SEARCH_US: Final = 10_000_000
 """Longest search [µs] for a finger: several times what the platform takes for its whole travel."""
 
@@ -34,17 +32,14 @@ TUNING_FORCES_N = (0.5, 0.8, 1.2, 1.6, 2.0)
 """Forces [N] at which a finger is measured: only rising, to exclude the play of the gears and the hysteresis of the
 sensor, and at most the paper's step."""
 
-LEAST_SPAN_N: Final = 0.3
-"""Smallest range of forces [N] from which a stiffness is computed."""
-
+LEAST_SPAN_N: Final = 0.3  # smallest range of forces [N] from which a stiffness is computed
 MEETING_N: Final = 0.5
 MEETING_US: Final = 1_000_000
 MEETING_WITHIN_US: Final = 5_000_000
 RELEASE_US: Final = 300_000
 """Force [N] and duration [µs] of the press that meets a finger, longest search, and time to go back from it."""
 
-REST_US: Final = 1_200_000
-"""Time [µs] for which each force is held; the mean of the second half is used."""
+REST_US: Final = 1_200_000  # time [µs] for which each force is held; the mean of the second half is used
 
 
 class Procedure:
@@ -77,7 +72,6 @@ class Procedure:
 class StepTest(Procedure):
     """A step of the target, recorded tick by tick. The loss of the device ends it, as it would distort the figures.
 
-    `from_n`, `to_n`: target [N] before and after.
     `before_us`, `after_us`: time [µs] for which each is held; the finger must be found within the first.
     """
 
@@ -131,7 +125,6 @@ class Meeting(Procedure):
     A platform that was never pressed against its finger is retracted and searches at 10 mm/s, so a first contact that
     lasts less than about 0.2 s would not be felt at all.
 
-    `force_n`: force of the press [N].
     `press_us`: its duration [µs], once the finger is felt.
     """
 

@@ -15,9 +15,7 @@ OnError: TypeAlias = Literal["end", "pause"]
 
 Positions: TypeAlias = Literal["raw", "line"]
 
-DeviceTakes: TypeAlias = Literal["x", "y", "z", "norm"]
-"""The part of the force that a device with one axis renders."""
-
+DeviceTakes: TypeAlias = Literal["x", "y", "z", "norm"]  # the part of the force that a device with one axis renders
 LEAST_AGE_ON_A_LINE_US: Final = 200_000
 """Smallest `max_age_us` with positions that are only sent when they matter: the position behind an answer may be 150 ms
 older than the time that it is for, so that with a shorter limit no answer would be fresh."""

@@ -5,10 +5,9 @@ from collections.abc import Callable, Hashable, Iterable
 from typing import Any, Final
 
 from hapticnet.errors import PeerError
-from hapticnet.node.admission import Admission, MakeScene, RefusalError
+from hapticnet.node.admission import Admission, LineSteps, MakeScene, NoSeatError, RefusalError, SessionTable
 from hapticnet.node.events import MasterJoined, MasterLeft, MasterRefused, ScenePaused, SceneResumed, SlaveEvent
 from hapticnet.node.feedback import SceneFailedError
-from hapticnet.node.session_table import LineSteps, NoSeatError, SessionTable
 from hapticnet.node.settings import SlaveSettings
 from hapticnet.node.slave_context import SlaveContext
 from hapticnet.node.step_times import Clock, StepTimes, no_wait
@@ -24,22 +23,16 @@ from hapticnet.protocol.wire import OPEN, SEALED, Datagram, Kind, pack, unpack
 NOTICES_AT_ONCE: Final = 20
 """Masters that are told at once that the slave is to stop: all of a thousand would wait for their forces meanwhile."""
 
-NOTICE_EVERY_US: Final = 2_000_000
-"""Least time [µs] between two such notices to a master; a datagram may be lost."""
-
+NOTICE_EVERY_US: Final = 2_000_000  # least time [µs] between two such notices to a master; a datagram may be lost
 STOPPING: Final = "this slave is about to stop: end soon, or go on elsewhere"
 
-REPORTS_KEPT: Final = 1000
-"""Accounts of ended sessions that are kept: one or two megabytes, so that memory is bounded."""
+REPORTS_KEPT: Final = 1000  # accounts of ended sessions that are kept: one or two megabytes, so that memory is bounded
 
 
 class SlaveNode:
     """Serve any number of masters, each with its own scene, codec and account.
 
-    `make_scene`: called for each new scene, because every master touches its own.
-    `rng`: source of session numbers, cookies and tickets.
     `doors`: how to read the HELLOs of each version that is served; open sessions by default.
-    `write_address`: returns an address as text for the report.
     `host_of`: returns the host of an address: whom open sessions count for, and whose requests are limited.
     `clock`: times the steps of scenes and of users' codecs; None: they are not timed.
     """

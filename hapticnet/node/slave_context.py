@@ -10,9 +10,9 @@ from hapticnet.codec.registry import codec_parameters
 from hapticnet.codec.schemes.raw import Raw
 from hapticnet.errors import SampleError, in_words
 from hapticnet.measure.running_error import RunningError
-from hapticnet.node.dead_reckoning import VELOCITY_STEP_US, DeadReckoning
 from hapticnet.node.decoders import read_state
 from hapticnet.node.feedback import Feedback, SceneFailedError
+from hapticnet.node.positions import VELOCITY_STEP_US, DeadReckoning
 from hapticnet.node.recording import DATAGRAM_COLUMNS, IN, OUT, Recording, frame_kind, slave_columns
 from hapticnet.node.settings import SlaveSettings
 from hapticnet.node.step_times import StepTime, StepTimes
@@ -34,13 +34,10 @@ _Answered: TypeAlias = tuple[PositionSample, Vector, bytes | None, bytes | None,
 class SlaveContext:
     """Pass a position through decoder, scene and encoder.
 
-    `grant`: what the master was granted.
     `identity`: whom the session counts for: a public key, or the host of an open session.
-    `seats`: sessions that this identity may have.
     `listed`: what the list of masters calls it; None for an open session.
     `continues`: the context whose scene this one goes on with. A restarted master has another clock; `same_clock` tells
     whether this one's time stamps go on from the old ones.
-    `times`: where the steps of scene and codec are timed.
     """
 
     def __init__(

@@ -7,18 +7,12 @@ from typing import Any, Final, TypeAlias
 from hapticnet.codec.base import Codec
 from hapticnet.protocol.stats import Distribution
 
-Clock: TypeAlias = Callable[[], int]
-"""Returns a time [µs] that passes while code runs."""
-
-WINDOW_US: Final = 900_000
-"""Least time [µs] over which steps are judged."""
-
+Clock: TypeAlias = Callable[[], int]  # returns a time [µs] that passes while code runs
+WINDOW_US: Final = 900_000  # least time [µs] over which steps are judged
 LARGEST_SHARE_OVER: Final = 0.01
 """Share of the time by which steps may exceed the time between two positions: so many positions miss their answer."""
 
-LARGEST_SHARE: Final = 0.8
-"""Share of the time that steps may take in all."""
-
+LARGEST_SHARE: Final = 0.8  # share of the time that steps may take in all
 WINDOWS_IN_A_ROW: Final = 2
 """Windows in a row that must be bad: the first steps of a class may take long, and a machine may be busy for once."""
 
@@ -49,10 +43,7 @@ class StepsTooSlow:
 
 
 class StepTime:
-    """The time of the steps of one piece of code: call `begin` before and `end` after each.
-
-    `is_slow`: whether the steps have been too slow for some time, until now.
-    """
+    """The time of the steps of one piece of code: call `begin` before and `end` after each."""
 
     def __init__(self, what: str, clock: Clock) -> None:
         self.what = what

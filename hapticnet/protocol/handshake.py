@@ -160,9 +160,7 @@ class SealedDoor(Door):
         return Visitor(unpack_request(payload), public, self.roster.find(public), responder)
 
 
-GROWTH: Final = 1.25
-"""By how much each interval is longer than the last while HELLOs back off."""
-
+GROWTH: Final = 1.25  # by how much each interval is longer than the last while HELLOs back off
 FRESH_AFTER_US: Final = 4_000_000
 """Time [µs] after the first cookie of an attempt after which an unanswered attempt is replaced by a new one. The slave
 reads each request once, so repeating one does not help if the slave has forgotten the session."""

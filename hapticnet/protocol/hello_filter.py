@@ -68,8 +68,7 @@ def _cookie(secret: bytes, address: bytes, nonce: int) -> bytes:
     return blake2s(nonce.to_bytes(4, "big") + address, key=secret, digest_size=COOKIE_BYTES).digest()
 
 
-MOST_KEYS: Final = 4096
-"""Keys remembered at once; the one unused for longest is forgotten."""
+MOST_KEYS: Final = 4096  # keys remembered at once; the one unused for longest is forgotten
 
 
 class Buckets:
@@ -110,8 +109,6 @@ class HelloFilter:
 
     Before the cookie nothing is kept, and the costliest step is a hash. Requests of proved addresses are read only so
     often, for each host and for all together.
-
-    `doors`: how to read the HELLOs of each version that is served.
     """
 
     def __init__(self, doors: Mapping[int, Door], rng: Entropy) -> None:

@@ -36,9 +36,7 @@ from hapticnet.protocol.keys import NO_PSK, MasterEntry, PrivateKey, Roster, for
 PRIVATE_MODE: Final = 0o600
 PRIVATE_FOLDER_MODE: Final = 0o700
 
-ROOT: Final = 0
-"""Account that can change every file anyway."""
-
+ROOT: Final = 0  # account that can change every file anyway
 _OTHERS: Final = stat.S_IRWXG | stat.S_IRWXO
 _WRITTEN_BY_OTHERS: Final = stat.S_IWGRP | stat.S_IWOTH
 

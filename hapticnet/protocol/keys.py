@@ -24,9 +24,7 @@ from hapticnet.protocol.settings import Entropy
 KEY_BYTES: Final = 32
 KEY_CHARACTERS: Final = 44
 
-NO_PSK: Final = bytes(KEY_BYTES)
-"""The pre-shared key where there is none, as in WireGuard."""
-
+NO_PSK: Final = bytes(KEY_BYTES)  # the pre-shared key where there is none, as in WireGuard
 MOST_SESSIONS: Final = 100_000
 
 
@@ -137,8 +135,6 @@ def format_key(key: bytes) -> str:
 def parse_key(text: str, name: str, *, secret: bool = False) -> bytes:
     """Return the 32 bytes of a key written in base64; space around it is ignored.
 
-    `text`: 44 characters of base64.
-    `name`: what the key is called in messages.
     `secret`: whether messages must not show the text.
     Raise SettingsError if the text is not a key.
     """

@@ -54,8 +54,6 @@ class MasterSession:
     until that is proved. Forces of the old session count until the first of the new one is applied: they answer
     positions that were sent before the change, which may be a second ago. The owner sets `idle` while next to no
     force is applied in a session with few positions: silences may then be longer.
-
-    `key`: this master's key and the slave's public key, for sealed sessions; None for open ones.
     """
 
     def __init__(self, request: Request, settings: SessionSettings, rng: Entropy, key: MasterKey | None = None) -> None:
@@ -454,5 +452,4 @@ _ESTABLISHED: Final = MasterState.ESTABLISHED
 _STALE: Final = MasterState.STALE
 _POSITION: Final = Kind.POSITION
 
-_ANSWERS: Final = frozenset((Kind.COOKIE, Kind.WELCOME, Kind.REFUSE))
-"""Kinds that answer a HELLO."""
+_ANSWERS: Final = frozenset((Kind.COOKIE, Kind.WELCOME, Kind.REFUSE))  # kinds that answer a HELLO

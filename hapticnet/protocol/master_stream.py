@@ -94,9 +94,6 @@ before its last number."""
 class MasterStream:
     """Number and seal what is sent, and keep account of the forces that are applied.
 
-    `number`: number of the session, never 0.
-    `seal`: of a sealed session; None for an open one.
-    `sequence`: sequence number of the first datagram to send.
     `welcome`: sequence number of the WELCOME, which those of the slave's datagrams follow.
     `reports_loss`: whether each position reports loss, if there is any: positions are few.
     """

@@ -44,8 +44,7 @@ CLOCK_US: Final = Range("clock", 0, (1 << 53) - 1, "µs")
 HELLO_SEQUENCE: Final = Range("sequence of a sealed HELLO", 0, (1 << 20) - 1)
 """The first epoch of keys (`protocol.seal`): a session that began later could not open its datagrams."""
 
-PERCENT: Final = Range("loss", 0, 100, "%")
-"""Shares in the report of loss."""
+PERCENT: Final = Range("loss", 0, 100, "%")  # shares in the report of loss
 
 
 HELLO_BYTES: Final = 400

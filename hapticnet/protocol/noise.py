@@ -30,9 +30,7 @@ NAME: Final = b"Noise_IKpsk2_25519_ChaChaPoly_BLAKE2s"
 KEY_BYTES: Final = 32
 """Length of private, public, shared and transport keys (§4.1, §12.1) and of hashes (BLAKE2s, §12.7)."""
 
-TAG_BYTES: Final = 16
-"""Length of the tag that a ciphertext is longer than its plaintext (§4.2)."""
-
+TAG_BYTES: Final = 16  # length of the tag that a ciphertext is longer than its plaintext (§4.2)
 MESSAGE_1_BYTES: Final = 2 * KEY_BYTES + 2 * TAG_BYTES
 """Length of the first message without its payload: an ephemeral key, a sealed static key and the payload's tag."""
 
@@ -58,11 +56,8 @@ def public_key(private: bytes) -> bytes:
 class Initiator:
     """The master's side of a handshake.
 
-    `static`: the master's private key, 32 bytes.
-    `peer`: the slave's public key, 32 bytes.
     `psk`: the key shared beforehand, 32 bytes; `keys.NO_PSK` where there is none.
     `prologue`: what both ends know already. The handshake fails unless theirs are equal (§6).
-    `rng`: source of the ephemeral key.
     Raise SettingsError if a key is not 32 bytes, or if `peer` is a point of low order, with which every shared secret
     is zero.
     """
@@ -120,9 +115,7 @@ class Initiator:
 class Responder:
     """The slave's side of a handshake.
 
-    `static`: the slave's private key, 32 bytes.
     `prologue`: what both ends know already; see `Initiator`.
-    `rng`: source of the ephemeral key.
     Raise SettingsError if `static` is not 32 bytes.
     """
 

@@ -32,15 +32,9 @@ GRANULARITY_US: Final = 5_000
 """Least that the timeout is above the smoothed round trip: G of RFC 6298. Acknowledgements come with positions, so they
 jitter by a sampling period even where the network does not."""
 
-MOST_REMEMBERED: Final = 1024
-"""Unacknowledged datagrams that are remembered: a second at 1 kHz."""
-
-REPORT_LASTS_US: Final = 1_000_000
-"""How long a report of loss counts. A master that has nothing to report sends none."""
-
-MOST_CREDIT: Final = 24.0
-"""Repeats that can be saved up: those of 200 ms at 1 kHz."""
-
+MOST_REMEMBERED: Final = 1024  # unacknowledged datagrams that are remembered: a second at 1 kHz
+REPORT_LASTS_US: Final = 1_000_000  # how long a report of loss counts. A master that has nothing to report sends none.
+MOST_CREDIT: Final = 24.0  # repeats that can be saved up: those of 200 ms at 1 kHz
 PACE_STEP_US: Final = 500
 SCHEDULING_US: Final = 5_000
 """Part of the master's age limit that is left for the spacing of positions and ticks."""

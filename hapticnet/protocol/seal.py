@@ -17,18 +17,13 @@ from cryptography.hazmat.primitives.ciphers.aead import ChaCha20Poly1305
 from hapticnet.errors import PeerError
 from hapticnet.protocol.wire import MAX_DATAGRAM_BYTES, MODULUS, SEALED, Datagram
 
-TAG_BYTES: Final = 16
-"""What a seal adds to a body."""
-
-EPOCH_BITS: Final = 20
-"""A key serves 2²⁰ sequence numbers, which are an epoch."""
-
+TAG_BYTES: Final = 16  # what a seal adds to a body
+EPOCH_BITS: Final = 20  # a key serves 2²⁰ sequence numbers, which are an epoch
 LAST_SEQUENCE: Final = 2**32 - 2**16
 """The last sequence number under one handshake's keys: a number is a nonce and must not come again. A master that comes
 near it asks for a session that continues, with new keys."""
 
-_pack_number: Callable[[int], bytes] = msgpack.Packer().pack
-"""Return the shortest msgpack of an integer."""
+_pack_number: Callable[[int], bytes] = msgpack.Packer().pack  # return the shortest msgpack of an integer
 
 
 class Seal:
@@ -36,9 +31,6 @@ class Seal:
 
     Both directions start in epoch 0. A receiver opens datagrams of the newest epoch it has seen, the one before and the
     one after. Keys of earlier epochs are released.
-
-    `send_key`: the key of the direction from here, 32 bytes.
-    `receive_key`: the key of the direction to here, 32 bytes.
     """
 
     def __init__(self, send_key: bytes, receive_key: bytes) -> None:
@@ -56,7 +48,6 @@ class Seal:
 
         `kind`, `session`, `sequence`: the first elements of the frame. `sequence` must be above that of every earlier
         datagram and below 2³²; it is ValueError otherwise, because two datagrams under one nonce give both away.
-        `body`: the message's fields as a msgpack array.
         """
         if not self._sent < sequence < MODULUS:
             raise ValueError(f"sequence number {sequence} after {self._sent}; each is used once, up to {MODULUS - 1}")
@@ -72,8 +63,6 @@ class Seal:
     def open(self, data: bytes, datagram: Datagram) -> bytes:
         """Return the body of a sealed datagram, opened.
 
-        `data`: the datagram as it arrived.
-        `datagram`: its frame, as `wire.unpack` read it from `data`.
         Raise PeerError if it was not sealed with this direction's key, was changed, or is two epochs away. It changes
         nothing.
         """
@@ -115,9 +104,7 @@ class Seal:
 
 _NOT_OPENED = "sealed datagram that does not open: another key, or changed on the way"
 
-_nonce = struct.Struct("<4xQ").pack
-"""The nonce of a sequence number (Noise revision 34, §12.3)."""
-
+_nonce = struct.Struct("<4xQ").pack  # the nonce of a sequence number (Noise revision 34, §12.3)
 _REKEY_NONCE = _nonce(2**64 - 1)
 
 

@@ -27,12 +27,8 @@ from hapticnet.protocol.stats import Arrival, Traffic
 from hapticnet.protocol.wire import OPEN, SEALED, Datagram, Kind, distance, pack, pack_body, unwrap, wrap
 from hapticnet.samples import Vector
 
-Place = TypeVar("Place")
-"""What the payload of a position says."""
-
-POLICED_SHARE: Final = 1.2
-"""Positions a second that are served, over the granted rate: room for clocks that differ."""
-
+Place = TypeVar("Place")  # what the payload of a position says
+POLICED_SHARE: Final = 1.2  # positions a second that are served, over the granted rate: room for clocks that differ
 POLICED_BURST_S: Final = 1.0
 """Positions that a network may hold back and deliver at once, in seconds of the granted rate."""
 
@@ -45,9 +41,6 @@ _HALF_OPEN: Final = SlaveState.HALF_OPEN
 class SlaveSession:
     """Sort a master's positions and number the forces that answer them.
 
-    `number`: the session's number, never 0.
-    `request`, `rate_hz`: what the master asked for, and the rate it was granted.
-    `first_sequence`: the sequence number of its HELLO.
     `sparse`: whether positions are sent only when they matter, and acknowledgements with them.
     """
 

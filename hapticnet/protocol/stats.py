@@ -16,9 +16,7 @@ LEAP: Final = 3000
 """A number this far from the newest is not believed until the one after it comes next: otherwise one datagram with a
 wrong number would make all true ones late (MAX_DROPOUT of RFC 3550, appendix A.1)."""
 
-MISORDER: Final = 100
-"""Largest disorder that a network causes (MAX_MISORDER of RFC 3550)."""
-
+MISORDER: Final = 100  # largest disorder that a network causes (MAX_MISORDER of RFC 3550)
 BEHIND_IN_A_ROW: Final = 8
 """After so many arrivals in a row more than `MISORDER` behind the newest, each newer than the one before it, the newest
 was wrong: the numbers go on from there."""
@@ -113,9 +111,7 @@ _MASK = (1 << WINDOW) - 1
 _NEW: Final = Arrival.NEW
 
 
-REPORT_STEPS: Final = 100
-"""A report counts in whole per cents, so that each of its numbers takes one byte."""
-
+REPORT_STEPS: Final = 100  # a report counts in whole per cents, so that each of its numbers takes one byte
 REPORT_EVERY: Final = 16
 """While there is loss to report, one POSITION in so many carries a report: 125 bytes a second at 1 kHz."""
 
@@ -163,10 +159,7 @@ class LossEstimate:
         self._was_lost = False
 
     def arrived(self, sequence: int, *, is_new: bool = False) -> None:
-        """Record the arrival of a sequence number that is believed, for the first time.
-
-        `is_new`: whether the numbers go on from it (`ArrivalWindow`).
-        """
+        """Record the arrival of a sequence number that is believed, for the first time."""
         ahead = distance(sequence, self._newest)
         if is_new and ahead <= 0:  # the newest was wrong
             self._newest, self._arrived = sequence, _ALL_ARRIVED

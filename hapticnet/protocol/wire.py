@@ -53,22 +53,15 @@ def plain_members(enumeration: type[E]) -> type[E]:
     return enumeration
 
 
-OPEN: Final = 1
-"""Version of sessions without keys."""
-
-SEALED: Final = 2
-"""Version of sessions whose messages are encrypted and authenticated."""
-
+OPEN: Final = 1  # version of sessions without keys
+SEALED: Final = 2  # version of sessions whose messages are encrypted and authenticated
 VERSIONS: Final = (OPEN, SEALED)
 
 MAX_DATAGRAM_BYTES: Final = 1200
 """Larger datagrams are dropped. Fits every IPv6 path without fragments (RFC 8200 §5: 1280 B links)."""
 
-UDP_IPV4_HEADER_BYTES: Final = 28
-"""IPv4 header without options (RFC 791, 20 B) and UDP header (RFC 768, 8 B)."""
-
-MAX_ELEMENTS: Final = 16
-"""Most elements of an array or map."""
+UDP_IPV4_HEADER_BYTES: Final = 28  # IPv4 header without options (RFC 791, 20 B) and UDP header (RFC 768, 8 B)
+MAX_ELEMENTS: Final = 16  # most elements of an array or map
 
 
 @plain_members
@@ -87,9 +80,7 @@ class Kind(enum.IntEnum):
     NOTICE = 10
 
 
-_pack = msgpack.Packer().pack
-"""One packer for all datagrams: making a new one for each would double the cost."""
-
+_pack = msgpack.Packer().pack  # one packer for all datagrams: making a new one for each would double the cost
 pack_body: Final[Callable[[tuple[Any, ...]], bytes]] = _pack
 """Return the body of a message: its fields as a msgpack array."""
 

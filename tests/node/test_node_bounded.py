@@ -59,12 +59,7 @@ def bytes_of_positions():
     """Return how many bytes the coded positions of some insertions take at 50 ms each way."""
     late = "delay=50ms"
     link = virtual_link(
-        scene="paper:1",
-        codec="motion-predictive",
-        positions="line",
-        forward=late,
-        feedback=late,
-        seed=1,
+        scene="paper:1", codec="motion-predictive", positions="line", forward=late, feedback=late, seed=1
     )
     link.run(seconds=6)
     return link.report().forward_wire_bytes

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from hapticnet.codec.positions import PromisedLine, pack_line
-from hapticnet.node.session_table import ALL_HZ, EACH_HZ, MOST_AT_ONCE
+from hapticnet.node.admission import ALL_HZ, EACH_HZ, MOST_AT_ONCE
 from hapticnet.node.settings import SlaveSettings
 from hapticnet.node.slave import SlaveNode
 from hapticnet.protocol.messages import Close

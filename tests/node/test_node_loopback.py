@@ -6,15 +6,20 @@ import json
 import numpy as np
 import pytest
 
+import hapticnet as hn
 from hapticnet.channel.emulator import Emulator
 from hapticnet.channel.spec import parse_channel
 from hapticnet.errors import SettingsError
+from hapticnet.experiment.analysis import vectors
 from hapticnet.node import admission
+from hapticnet.node.events import SettingsInForce
 from hapticnet.node.settings import MasterSettings
 from hapticnet.protocol.settings import SessionSettings
-from hapticnet.protocol.states import SlaveState
+from hapticnet.protocol.states import Connected, LinkRecovered, LinkStale, SlaveState
 from hapticnet.protocol.wire import Kind, unpack
 from hapticnet.samples import PositionSample
+from hapticnet.scene.bodies import BodyScene
+from hapticnet.scene.settings import Plane
 from tests.conftest import make_master, make_slave
 
 SECOND = 1_000_000
@@ -314,3 +319,76 @@ def test_a_restarted_slave_is_found_within_a_second_and_its_old_forces_are_not_f
     settled = table["t_us"] > restart_us + 600_000
     possible = {0.0, *slave["held_n"].tolist()}
     assert set(table["held_n"][settled].tolist()) <= possible, "a force of the old session was felt in the new one"
+
+
+def slope(axes):
+    plane = Plane(
+        name="slope",
+        point_m=(0.02, 0.0, 0.0)[:axes],
+        inward=(0.95, 0.25, -0.15)[:axes],
+        stiffness_n_per_m=300.0,
+        friction=0.3,
+        static_friction=0.5,
+    )
+    return BodyScene([plane], name="slope")
+
+
+@pytest.mark.parametrize("axes", [2, 3])
+@pytest.mark.parametrize("codec", ["deadband", "adaptive-predictive"])
+def test_what_the_master_applies_is_within_a_jnd_on_all_axes(axes, codec):
+    link = hn.virtual_link(scene=slope(axes), codec=codec, seed=2)
+    link.run(seconds=2.5)
+    samples = link.slave_samples()
+    true, held = vectors(samples, "force", "n"), vectors(samples, "held", "n")
+    assert true.shape == held.shape == (len(true), axes)
+    assert (np.abs(true).max(axis=0) > 0.3).all()
+    assert hn.error_report(true, held).exceed_jnd_fraction == 0.0
+    assert samples["transmitted"].mean() < 0.3
+
+
+def play(loopback, round_trip_ms, seconds=20):
+    delay = f"delay={round_trip_ms / 2}ms"
+    link = loopback(forward=delay, feedback=delay)
+    link.run(seconds * SECOND)
+    events = []
+    while (event := link.master.next_event()) is not None:
+        if not isinstance(event, SettingsInForce):
+            events.append(event)
+    return link, events
+
+
+def test_a_link_within_the_largest_age_works(loopback):
+    link, events = play(loopback, 980)
+    assert [type(event) for event in events] == [Connected, LinkStale, LinkRecovered]
+    assert link.master.report()["received"]["too_old"] == 0
+    assert link.slave.contexts[0].scene.breaches > 0
+
+
+@pytest.mark.parametrize("round_trip_ms", [1020, 1200, 1300, 2500])
+def test_a_link_beyond_it_is_named_and_neither_felt_nor_asked_for_again_and_again(loopback, round_trip_ms):
+    link, events = play(loopback, round_trip_ms)
+    assert [type(event) for event in events] == [Connected, LinkStale, LinkStale]
+    assert events[-1].too_old_us == pytest.approx(round_trip_ms * 1000, abs=2000)
+    report = link.master.report()
+    assert report["connections"] == 1
+    assert report["received"]["too_old"] > 100
+    assert report["age_of_applied_force"]["count"] == 0
+    assert link.master.held_force_n(20 * SECOND)[0] == 0.0
+
+
+@pytest.mark.plain
+def test_copies_of_an_old_answer_do_not_pass_for_a_slow_link(loopback):
+    link, _ = play(loopback, 2, seconds=1)
+    kept = []
+    receive = link.master.receive_datagram
+    link.master.receive_datagram = lambda data, now_us: (kept.append(data), receive(data, now_us))
+    link.run(2 * SECOND)
+    del link.master.receive_datagram
+    link.master.datagrams_to_send()
+    asked_us = []
+    for now_us in range(3 * SECOND, 9 * SECOND, 1000):  # the slave is gone; somebody repeats what it said
+        link.master.tick(now_us)
+        link.master.receive_datagram(kept[-1], now_us)
+        asked_us += [now_us for data in link.master.datagrams_to_send() if unpack(data).kind is Kind.HELLO]
+    assert asked_us[0] == pytest.approx(4.2 * SECOND, abs=10_000)
+    assert asked_us[-1] > 8 * SECOND

@@ -7,9 +7,9 @@ from hapticnet.channel.emulator import Emulator
 from hapticnet.channel.spec import parse_channel
 from hapticnet.codec.positions import PromisedLine
 from hapticnet.errors import SampleError, SettingsError
-from hapticnet.node.dead_reckoning import DeadReckoning
 from hapticnet.node.loopback import Loopback
 from hapticnet.node.master import MasterNode
+from hapticnet.node.positions import DeadReckoning
 from hapticnet.node.settings import MasterSettings, SlaveSettings
 from hapticnet.node.slave import SlaveNode
 from hapticnet.operator.scripted import InsertionSettings, ScriptedOperator

@@ -1,9 +1,12 @@
 """Who holds a place at a slave: per identity and in total, who gives way, and that nobody else loses one."""
 
+from types import SimpleNamespace
+
+import numpy as np
 import pytest
 
+from hapticnet.node.admission import MOST_HALF_OPEN, MOST_HALF_OPEN_EACH, SessionTable
 from hapticnet.node.events import MasterLeft
-from hapticnet.node.session_table import MOST_HALF_OPEN, MOST_HALF_OPEN_EACH
 from hapticnet.protocol.keys import MasterEntry, MasterKey, PrivateKey
 from hapticnet.protocol.messages import Code
 from hapticnet.protocol.settings import SessionSettings
@@ -13,7 +16,11 @@ from tests.conftest import make_slave
 from tests.peers import SLAVE, HandMaster, events_of
 
 SECOND = 1_000_000
+
+
 KEYS = {name: PrivateKey(bytes(range(first, first + 32))) for first, name in enumerate("abcdefghij", start=100)}
+
+
 """Identities: the key of that name in sealed sessions, the host of that name in open ones."""
 
 
@@ -176,3 +183,53 @@ def test_a_scene_is_kept_for_its_master_while_nobody_needs_the_place(house):
     house.slave.tick(60 * SECOND)
     house.works("a", 60 * SECOND, name="a1")
     assert house.slave.contexts[0].scene is not scene
+
+
+HALF_OPEN_US, KEEP_US = 600, 900
+
+
+class Session:
+    """What the table asks of a session, and of its context."""
+
+    def __init__(self, number, now_us):
+        self.session, self.number, self.heard_us = self, number, now_us
+        self.identity, self.scene, self.seated = number % 5, object(), False
+        self.request = SimpleNamespace(name="x")
+
+    def silent_us(self, now_us):
+        self.heard_us = min(self.heard_us, now_us)
+        return now_us - self.heard_us
+
+    def expires_us(self):
+        return self.heard_us + (KEEP_US if self.seated else HALF_OPEN_US)
+
+
+@pytest.mark.plain
+@pytest.mark.parametrize("seed", range(12))
+def test_sessions_expire_as_a_look_at_all_of_them_says(seed):
+    rng = np.random.default_rng(seed)
+    table, now_us, expired = SessionTable(SessionSettings()), 1000, 0
+    for number in range(3000):
+        now_us += int(-rng.integers(1000) if rng.random() < 0.01 else rng.integers(40))
+        table.see(now_us)
+        sessions = list(table.by_number.values())
+        for session in sessions:
+            if rng.random() < 0.02:
+                session.heard_us = now_us
+            elif not session.seated and rng.random() < 0.01:
+                session.heard_us = now_us
+                table.seat(session)
+            elif rng.random() < 0.002:
+                table.remove(session)
+        if rng.random() < 0.2:
+            table.add(Session(number, now_us))
+        sessions = list(table.by_number.values())
+        due = [each for each in sessions if each.expires_us() <= now_us]
+        next_us = table.next_expiry_us()
+        assert (next_us is None) == (not sessions)
+        assert all(next_us <= each.expires_us() for each in sessions)
+        assert table.expired(now_us) == due
+        expired += len(due)
+        for session in due:
+            table.remove(session)
+    assert expired > 100

@@ -1,19 +1,26 @@
 """The slave at work: positions, forces, ends; open and sealed."""
 
+from collections import deque
+
 import numpy as np
 import pytest
 
+from hapticnet.node.admission import SMALLEST_SESSION
 from hapticnet.node.events import MasterJoined, MasterLeft
-from hapticnet.protocol.messages import Close, Position
+from hapticnet.protocol import slave_session
+from hapticnet.protocol.keys import MasterEntry
+from hapticnet.protocol.messages import TICKET_BYTES, Close, Position
 from hapticnet.protocol.settings import SessionSettings
 from hapticnet.protocol.slave_session import POLICED_BURST_S, POLICED_SHARE
 from hapticnet.protocol.states import SlaveState
 from hapticnet.protocol.stats import BEHIND_IN_A_ROW, MISORDER
 from hapticnet.protocol.wire import Kind
 from tests.conftest import make_slave
-from tests.peers import HandMaster, events_of
+from tests.peers import MASTER, HandMaster, events_of
 
 DEEP_M = 0.025
+
+
 SECOND = 1_000_000
 
 
@@ -44,12 +51,7 @@ def test_a_position_of_an_unknown_session_is_answered_with_reset(sealed):
     slave.close("gone", 0)
     slave.datagrams_to_send()
     (reset,) = master.send(data, 1000)
-    assert (reset.kind, reset.version, reset.session, reset.sequence) == (
-        Kind.RESET,
-        master.version,
-        master.session,
-        2,
-    )
+    assert (reset.kind, reset.version, reset.session, reset.sequence) == (Kind.RESET, master.version, master.session, 2)
 
 
 def test_an_open_session_is_bound_to_its_address():
@@ -243,13 +245,75 @@ def test_a_position_that_is_refused_takes_no_seat_and_ends_no_session(sealed):
 def test_a_master_that_joined_is_said_to_leave_even_if_no_position_was_answered(sealed):
     slave = make_slave(sealed=sealed)
     master = HandMaster(slave, sealed=sealed).join()
-    both = [
-        master.pack(Kind.POSITION, 1, Position(0, None, bytes(4))),
-        master.pack(Kind.CLOSE, 2, Close("done")),
-    ]
+    both = [master.pack(Kind.POSITION, 1, Position(0, None, bytes(4))), master.pack(Kind.CLOSE, 2, Close("done"))]
     slave.receive_datagrams([(data, "a") for data in both], 0)
     slave.account_sent(0)
     assert [type(event) for event in events_of(slave)] == [MasterJoined, MasterLeft]
     assert slave.report()["never_used"] == 0
     (session,) = slave.report()["sessions"]
     assert session["end_reason"] == "the master closed: done"
+
+
+@pytest.mark.parametrize(
+    ("asked_hz", "entry_hz", "granted_hz"),
+    [(500.0, None, 500.0), (50_000.0, None, 10_000.0), (500.0, 200.0, 200.0), (100.0, 200.0, 100.0)],
+)
+def test_the_lowest_of_the_rates_is_granted(asked_hz, entry_hz, granted_hz):
+    entry = MasterEntry(name="surgeon", public=MASTER.public, fastest_rate_hz=entry_hz)
+    slave = make_slave(sealed=True, masters=[entry])
+    assert HandMaster(slave, sealed=True, rate_hz=asked_hz).join().grant.rate_hz == granted_hz
+
+
+def test_a_scene_is_made_for_the_entry_of_the_master(sealed):
+    entry = MasterEntry(name="surgeon", public=MASTER.public, scene="paper:7")
+    slave = make_slave(sealed=sealed, masters=[entry])
+    made_for = []
+    make_scene = slave._admission._make_scene
+    slave._admission._make_scene = lambda known: made_for.append(known) or make_scene(known)
+    HandMaster(slave, sealed=sealed).work()
+    assert made_for == [entry if sealed else None]
+
+
+def test_the_slave_knows_a_sealed_master_by_its_key_and_an_open_one_by_its_host(sealed):
+    slave = make_slave(sealed=sealed, host_of=lambda address: address[0])
+    HandMaster(slave, ("host", 1), sealed=sealed).work()
+    (context,) = slave.contexts
+    assert context.identity == (MASTER.public if sealed else "host")
+
+
+def test_numbers_and_tickets_are_large_random_and_all_different(sealed):
+    slave = make_slave(sealed=sealed)
+    masters = [HandMaster(slave, nonce, sealed=sealed, nonce=nonce).join(10_000 * nonce) for nonce in range(1, 15)]
+    grants = [master.grant for master in masters]
+    assert len({grant.session for grant in grants}) == len({grant.ticket for grant in grants}) == 14
+    assert min(grant.session for grant in grants) >= SMALLEST_SESSION
+    assert {len(grant.ticket) for grant in grants} == {TICKET_BYTES}
+
+
+def test_a_number_in_use_is_not_given_again():
+    slave = make_slave()
+    first = HandMaster(slave, "a").join().session
+    drawn = deque([first, first, first + 1])
+    entropy = np.random.default_rng(3)
+
+    class Repeating:
+        def integers(self, low, high, /):
+            return drawn.popleft() if low == SMALLEST_SESSION else entropy.integers(low, high)
+
+    slave._admission._rng = Repeating()
+    assert HandMaster(slave, "b", nonce=2).join().session == first + 1
+
+
+@pytest.mark.plain
+def test_a_sealed_session_without_numbers_left_answers_nothing_and_raises_nothing(monkeypatch):
+    monkeypatch.setattr(slave_session, "LAST_SEQUENCE", 6)
+    slave = make_slave(sealed=True)
+    master = HandMaster(slave, sealed=True).join()
+    answers = [master.position(step, 100_000 * step) for step in range(1, 10)]
+    assert [len(each) for each in answers] == [1, 1, 1, 1, 0, 0, 0, 0, 0]
+    assert max(datagram.sequence for each in answers for datagram in each) < 6
+    (context,) = slave.contexts
+    assert context.session.received.stray == 5
+    slave.close("shutting down", 10**6)
+    assert [answer.kind for answer in master.answers()] == [Kind.CLOSE]
+    assert context.session.state is SlaveState.CLOSED

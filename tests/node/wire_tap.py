@@ -17,10 +17,7 @@ from hapticnet.scene.scene import Scene
 from hapticnet.scene.sources import find_scene
 
 SURGEON, STUDENT, SLAVE = (PrivateKey(bytes([number] * 32)) for number in (1, 2, 3))
-ENTRIES = (
-    MasterEntry(name="surgeon", public=SURGEON.public),
-    MasterEntry(name="student", public=STUDENT.public),
-)
+ENTRIES = (MasterEntry(name="surgeon", public=SURGEON.public), MasterEntry(name="student", public=STUDENT.public))
 REQUEST = Request("deadband", {}, 0.1, 0.02, 1.0, 1000.0, 1, "a name that nobody else has")
 
 

@@ -13,14 +13,7 @@ from noise.connection import Keypair, NoiseConnection
 
 from hapticnet.errors import PeerError, SettingsError
 from hapticnet.protocol.keys import NO_PSK
-from hapticnet.protocol.noise import (
-    MESSAGE_1_BYTES,
-    MESSAGE_2_BYTES,
-    NAME,
-    Initiator,
-    Responder,
-    public_key,
-)
+from hapticnet.protocol.noise import MESSAGE_1_BYTES, MESSAGE_2_BYTES, NAME, Initiator, Responder, public_key
 
 VECTORS = json.loads((Path(__file__).parents[1] / "vectors" / "noise.json").read_text())["handshakes"]
 PROLOGUE = b"a prologue"
@@ -58,10 +51,7 @@ def entropy(seed=0):
 def ends(*, master=MASTER, slave=SLAVE, known=None, psk=PSK, prologues=(PROLOGUE, PROLOGUE), seed=0):
     """Return an initiator and a responder that share everything unless told otherwise."""
     rng = entropy(seed)
-    return (
-        Initiator(master, known or public_key(slave), psk, prologues[0], rng),
-        Responder(slave, prologues[1], rng),
-    )
+    return (Initiator(master, known or public_key(slave), psk, prologues[0], rng), Responder(slave, prologues[1], rng))
 
 
 def shake_hands(initiator, responder, request=b"request", grant=b"grant", psk=PSK):

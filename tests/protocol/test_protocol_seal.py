@@ -227,10 +227,7 @@ def test_forged_datagrams_move_no_key(epochs, received):
     assert open_(slave, master.pack(Kind.POSITION, SESSION, (received + 1) * EPOCH, BODY)) == BODY
 
 
-@given(
-    steps=st.lists(st.integers(1, EPOCH // 2), min_size=1, max_size=12),
-    order=st.randoms(use_true_random=False),
-)
+@given(steps=st.lists(st.integers(1, EPOCH // 2), min_size=1, max_size=12), order=st.randoms(use_true_random=False))
 def test_reordering_within_half_an_epoch_loses_nothing(steps, order):
     master, slave = ends()
     sequence, sent = 0, []
