@@ -11,7 +11,6 @@ earlier than the k-th piece of any other division.
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
 from itertools import product
 from typing import Any, Final
 
@@ -41,25 +40,6 @@ UNSEEN_N: Final = 1e-150
 """Differences [N] in one of several axes whose squares may be rounded to zero in a norm."""
 
 
-@dataclass(frozen=True, slots=True)
-class Pieces:
-    """A recording of one axis as pieces, each a straight line over its samples."""
-
-    starts: IntArray
-    """Index of the first sample of each piece, shape (m,)."""
-    values: FloatArray
-    """Stimulus applied at that sample [N], shape (m,)."""
-    slopes_n_per_us: FloatArray
-    """Slope of the line [N/µs], shape (m,); zeros for a hold."""
-
-    def applied(self, t_us: IntArray) -> FloatArray:
-        """Return the stimulus [N] applied at each time stamp of the recording, shape (n,)."""
-        lengths = np.diff(self.starts, append=len(t_us))
-        since_us = t_us - np.repeat(t_us[self.starts], lengths)
-        line: FloatArray = np.repeat(self.values, lengths) + np.repeat(self.slopes_n_per_us, lengths) * since_us
-        return line
-
-
 def fewest_holds(law: WeberLaw, stimuli: FloatArray) -> int:
     """Return the fewest stimuli with which a zero-order hold keeps the rule at every sample of shape (n, a). O(n).
 
@@ -69,7 +49,7 @@ def fewest_holds(law: WeberLaw, stimuli: FloatArray) -> int:
     """
     stimuli = _checked(stimuli)
     if stimuli.shape[1] == 1:
-        return len(hold_pieces(law, stimuli).starts)
+        return len(hold_starts(law, stimuli))
     magnitudes = norms(stimuli)
     low, high = tube(law, magnitudes)
     slack = ROUNDINGS * magnitudes + UNSEEN_N
@@ -87,28 +67,22 @@ def fewest_lines(law: WeberLaw, t_us: IntArray, stimuli: FloatArray) -> int:
     """
     stimuli = _checked(stimuli)
     if stimuli.shape[1] == 1:
-        return len(line_pieces(law, t_us, stimuli).starts)
+        return len(line_starts(law, t_us, stimuli))
     tubes = (direction_tube(law, stimuli, axis) for axis in np.eye(stimuli.shape[1]))
-    return max(len(_lines(_elapsed(t_us), low, high).starts) for low, high in tubes)
+    return max(len(_line_starts(_elapsed(t_us), low, high)) for low, high in tubes)
 
 
-def hold_pieces(law: WeberLaw, stimuli: FloatArray) -> Pieces:
-    """Return the fewest holds of a recording of one axis; see `fewest_holds`. O(n)."""
-    low, high = tube(law, _one_axis(stimuli))
-    starts = _starts(_sweep_holds, low, high)
-    if not len(starts):
-        return Pieces(starts, np.empty(0), np.empty(0))
-    # The middle of the values that all samples of a piece admit is least sensitive to rounding.
-    values = 0.5 * (np.maximum.reduceat(low, starts) + np.minimum.reduceat(high, starts))
-    return Pieces(starts, values, np.zeros(len(starts)))
+def hold_starts(law: WeberLaw, stimuli: FloatArray) -> IntArray:
+    """Return the first samples of the fewest holds of a recording of one axis, shape (m,). O(n)."""
+    return _starts(_sweep_holds, *tube(law, _one_axis(stimuli)))
 
 
-def line_pieces(law: WeberLaw, t_us: IntArray, stimuli: FloatArray) -> Pieces:
-    """Return the fewest straight lines for a recording of one axis; see `fewest_lines`. O(n).
+def line_starts(law: WeberLaw, t_us: IntArray, stimuli: FloatArray) -> IntArray:
+    """Return the first samples of the fewest straight lines of a recording of one axis, shape (m,). O(n).
 
     The tube is the same as for holds: the rule depends on the stimulus applied at a sample, not on how it came about.
     """
-    return _lines(_elapsed(t_us), *tube(law, _one_axis(stimuli)))
+    return _line_starts(_elapsed(t_us), *tube(law, _one_axis(stimuli)))
 
 
 def tube(law: WeberLaw, stimuli: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -200,15 +174,15 @@ def _starts(sweep: Callable[..., int], low: FloatArray, high: FloatArray) -> Int
     return starts[:count]
 
 
-def _lines(times: FloatArray, low: FloatArray, high: FloatArray) -> Pieces:
+def _line_starts(times: FloatArray, low: FloatArray, high: FloatArray) -> IntArray:
     n = len(times)
-    starts, values, slopes = np.empty(n, dtype=np.int64), np.empty(n), np.empty(n)
+    starts = np.empty(n, dtype=np.int64)
     if n > COMPILE_LINES_ABOVE and fast_extra_installed():
         hulls = np.empty(n, dtype=np.int64), np.empty(n, dtype=np.int64)
-        count = compiled(_sweep_lines)(times, low, high, *hulls, starts, values, slopes)
+        count = compiled(_sweep_lines)(times, low, high, *hulls, starts)
     else:
-        count = _sweep_lines(times.tolist(), low.tolist(), high.tolist(), [0] * n, [0] * n, starts, values, slopes)
-    return Pieces(starts[:count], values[:count], slopes[:count])
+        count = _sweep_lines(times.tolist(), low.tolist(), high.tolist(), [0] * n, [0] * n, starts)
+    return starts[:count]
 
 
 # The greedy sweeps: the same code runs as plain Python over lists, and compiled over arrays.
@@ -258,10 +232,8 @@ def _sweep_holds_of_columns(low: Any, high: Any, starts: IntArray) -> int:
     return count
 
 
-def _sweep_lines(
-    times: Any, low: Any, high: Any, floor: Any, roof: Any, starts: IntArray, values: FloatArray, slopes: FloatArray
-) -> int:
-    """Write the longest straight pieces; return their number. O(n) amortised.
+def _sweep_lines(times: Any, low: Any, high: Any, floor: Any, roof: Any, starts: IntArray) -> int:
+    """Write the first sample of each of the longest straight pieces to `starts`; return their number. O(n) amortised.
 
     O'Rourke, "An on-line algorithm for fitting straight lines between data ranges", CACM 24 (1981), here in the plane
     of the data. Of all lines through the ranges so far, the steepest and the flattest bound what can be reached later:
@@ -283,9 +255,8 @@ def _sweep_lines(
                 flat_at = i
             i += 1
         starts[count] = begin
+        count += 1
         if i == n or times[i] == times[begin]:
-            values[count], slopes[count] = 0.5 * (low[steep_at] + high[flat_at]), 0.0
-            count += 1
             continue
         steep_dt = flat_dt = times[i] - times[begin]
         steep_dy, flat_dy = high[i] - low[steep_at], low[i] - high[flat_at]
@@ -330,10 +301,4 @@ def _sweep_lines(
             roof[roof_end] = i
             roof_end += 1
             i += 1
-        steep, flat = steep_dy / steep_dt, flat_dy / flat_dt
-        steep_value = low[steep_at] + steep * (times[begin] - times[steep_at])
-        flat_value = high[flat_at] + flat * (times[begin] - times[flat_at])
-        # The mean of two lines through the ranges also goes through them.
-        values[count], slopes[count] = 0.5 * (steep_value + flat_value), 0.5 * (steep + flat)
-        count += 1
     return count
