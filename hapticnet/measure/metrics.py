@@ -11,15 +11,22 @@ from hapticnet.perception import WeberLaw
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ErrorReport:
-    """Error of the applied stimuli against the true ones."""
+    """Error of the applied stimuli against the true ones.
+
+    Attributes
+    ----------
+    rmse_n
+        Root of the mean squared norm of the difference [N].
+    max_error_n
+        Largest norm of the difference [N].
+    exceed_jnd_fraction
+        Fraction of samples at which a person could tell the two apart: ``|F - F̂| > max(k·|F̂|, floor)``. The
+        reference is the applied stimulus F̂, which the skin feels. The codec's multiplier does not matter.
+    """
 
     rmse_n: float
-    """Root of the mean squared norm of the difference [N]."""
     max_error_n: float
-    """Largest norm of the difference [N]."""
     exceed_jnd_fraction: float
-    """Fraction of samples at which a person could tell the two apart: ``|F - F̂| > max(k·|F̂|, floor)``. The reference
-    is the applied stimulus F̂, which the skin feels. The codec's multiplier does not matter."""
 
 
 def error_report(law: WeberLaw, true: FloatArray, applied: FloatArray) -> ErrorReport:

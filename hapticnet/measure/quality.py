@@ -18,39 +18,53 @@ RATE_WINDOW_US: Final = 100_000
 class QualityReport(ErrorReport):
     """Error, steps, age, burstiness and energy of the applied stimuli F̂ against the true ones F.
 
-    The codec's multiplier does not change a JND. Without samples, values are 0.
+    The fields of `ErrorReport`, and those below. The codec's multiplier does not change a JND. Without samples, values
+    are 0.
+
+    Attributes
+    ----------
+    peak_n
+        Largest norm of a true stimulus [N], the peak of both signal-to-noise ratios.
+    psnr_db
+        ``10·log10(peak² / mean(|F − F̂|²))``; infinite if nothing differs.
+    hpw_psnr_db
+        The same with each squared error weighted by ``max(1, |F − F̂| / JND(F̂))``: perceptible errors count more.
+    perceptual_mse
+        Mean squared distance in JNDs on Fechner's scale; see `perceptual_distances`. None for a law without a floor,
+        on whose scale a zero stimulus is infinitely far from any other.
+    jump_max_jnd, jump_mean_jnd, jump_p999_jnd
+        Change between successive applied stimuli in JNDs of the earlier one, which the skin feels at the time:
+        largest, mean and 99.9th percentile over all samples but the first. Infinite if that JND is zero.
+    send_jump_max_jnd, send_jump_mean_jnd, send_jump_p999_jnd
+        The same over the samples at which an update is received.
+    age_mean_us, age_max_us, age_p99_us
+        Time since the applied stimulus was sent [µs], over the samples from the first update received on.
+    worst_100ms_packets
+        Most packets sent in any 100 ms.
+    packet_rate_p999_hz
+        99.9th percentile of the packet rate [1/s] over the 100 ms windows that begin at each sample.
+    energy_final_j, energy_peak_j
+        Energy [J] that the reconstruction has created by the end, and its maximum over time (at least 0); see
+        `created_energy_j`. None without positions.
     """
 
     peak_n: float
-    """Largest norm of a true stimulus [N], the peak of both signal-to-noise ratios."""
     psnr_db: float
-    """``10·log10(peak² / mean(|F − F̂|²))``; infinite if nothing differs."""
     hpw_psnr_db: float
-    """The same with each squared error weighted by ``max(1, |F − F̂| / JND(F̂))``: perceptible errors count more."""
     perceptual_mse: float | None
-    """Mean squared distance in JNDs on Fechner's scale; see `perceptual_distances`. None for a law without a floor, on
-    whose scale a zero stimulus is infinitely far from any other."""
     jump_max_jnd: float
     jump_mean_jnd: float
     jump_p999_jnd: float
-    """Change between successive applied stimuli in JNDs of the earlier one, which the skin feels at the time: largest,
-    mean and 99.9th percentile over all samples but the first. Infinite if that JND is zero."""
     send_jump_max_jnd: float
     send_jump_mean_jnd: float
     send_jump_p999_jnd: float
-    """The same over the samples at which an update is received."""
     age_mean_us: float
     age_max_us: float
     age_p99_us: float
-    """Time since the applied stimulus was sent [µs], over the samples from the first update received on."""
     worst_100ms_packets: int
-    """Most packets sent in any 100 ms."""
     packet_rate_p999_hz: float
-    """99.9th percentile of the packet rate [1/s] over the 100 ms windows that begin at each sample."""
     energy_final_j: float | None
     energy_peak_j: float | None
-    """Energy [J] that the reconstruction has created by the end, and its maximum over time (at least 0); see
-    `created_energy_j`. None without positions."""
 
 
 def quality_report(
