@@ -42,12 +42,8 @@ def read_trial(
 ) -> Trial:
     """Return a recording from what a user gave.
 
-    Raises
-    ------
-    SampleError
-        If the forces, positions or times are not numbers, not finite, differ in length or are implausible.
-    SettingsError
-        If more than one kind of times is given, or the rate is out of range.
+    Raise SampleError if forces, positions or times are not finite numbers, differ in length or are implausible,
+    SettingsError if more than one kind of times is given, or the rate is out of range.
     """
     if isinstance(force, Recording):
         if not (rate_hz is None and t_s is None and t_us is None and position is None):
@@ -153,10 +149,7 @@ def as_codec(
 ) -> Codec:
     """Return a codec object from a name with parameters, ``FILE.py:Class``, ``package.module:Class`` or an object.
 
-    Raises
-    ------
-    SettingsError
-        If the codec or a parameter is unknown or out of range, given twice, or given for an object.
+    Raise SettingsError if the codec or a parameter is unknown or out of range, given twice, or given for an object.
     """
     law = {"weber_fraction": weber_fraction, "floor_n": floor_n, "multiplier": multiplier}
     if not isinstance(codec, str):

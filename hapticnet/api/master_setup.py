@@ -133,12 +133,7 @@ class MasterSetup:
     ) -> "tuple[MasterNode, Hand | None, socket.socket, SocketAddress]":
         """Return the node, the hand that the program moves (None with an operator), a socket and the slave's address.
 
-        Raises
-        ------
-        SettingsError, SampleError, FileError
-            If a parameter cannot be used.
-        UnavailableError
-            If there is no such host.
+        Raise a HapticnetError if a parameter cannot be used or there is no such host.
         """
         hand, operator = self._operator()
         settings = self._settings()
@@ -157,15 +152,7 @@ class MasterSetup:
 
     @contextmanager
     def opened_device(self) -> "Iterator[tuple[Device | UserActuator | None, Wire | None]]":
-        """Yield the device and its serial line, if there are any.
-
-        Raises
-        ------
-        SettingsError, FileError
-            If there is no such device, or its profile cannot be used.
-        UnavailableError
-            If a simulated one does not start.
-        """
+        """Yield the device and its serial line, if there are any; raise a HapticnetError if it cannot be opened."""
         if self.device is None:
             yield None, None
         elif not isinstance(self.device, str):

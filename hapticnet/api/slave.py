@@ -69,15 +69,7 @@ class SlaveSetup:
     announce: options.Announce = "declared"
 
     def make(self) -> tuple[SlaveNode, socket]:
-        """Return the node and a socket that listens.
-
-        Raises
-        ------
-        SettingsError, FileError
-            If a parameter cannot be used.
-        UnavailableError
-            If the address is taken or of another host.
-        """
+        """Return the node and a socket that listens; raise a HapticnetError if this is impossible."""
         check_options(self)
         self._closing: list[Callable[[], list[str]]] = []
         make_scene, most = self._scenes()

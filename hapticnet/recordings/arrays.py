@@ -84,12 +84,8 @@ class ArraySource:
 def load_npy(path: Path, file: IO[bytes], max_bytes: int) -> npt.NDArray[Any]:
     """Return the array in a .npy file, after checking the shape that its header claims.
 
-    Raises
-    ------
-    FileError
-        If the array, or the same in float64, takes more than `max_bytes`, or it has too many columns.
-    ValueError
-        If it is damaged, or holds Python objects.
+    Raise FileError if the array, or the same in float64, takes more than `max_bytes`, or it has too many columns;
+    ValueError if it is damaged, or holds Python objects.
     """
     version = np.lib.format.read_magic(file)
     header = np.lib.format.read_array_header_1_0 if version == (1, 0) else np.lib.format.read_array_header_2_0
@@ -106,14 +102,9 @@ def load_npy(path: Path, file: IO[bytes], max_bytes: int) -> npt.NDArray[Any]:
 
 
 def load_npz(path: Path, max_bytes: int) -> dict[str, npt.NDArray[Any]]:
-    """Return the arrays in a .npz file by their names.
+    """Return the arrays in a .npz file by their names; an exception of many kinds if it is damaged.
 
-    Raises
-    ------
-    FileError
-        If they, or the same in float64, take more than `max_bytes` together, or there are too many.
-    Exception
-        Of many kinds, if the file is damaged.
+    Raise FileError if they, or the same in float64, take more than `max_bytes` together, or there are too many.
     """
     arrays: dict[str, npt.NDArray[Any]] = {}
     left = max_bytes

@@ -102,12 +102,7 @@ def find_columns(path: Path, names: Sequence[str], wanted: str) -> list[int]:
     """Return the columns that `wanted` means: one, or all columns of an array of that name.
 
     In this order: a column of exactly that name; the columns NAME.0, NAME.1, … of a two-dimensional array; a column
-    that has this name before its unit; the column of that number, from 0.
-
-    Raises
-    ------
-    FileError
-        If there is no such column, or several.
+    that has this name before its unit; the column of that number, from 0. Raise FileError if there is none, or several.
     """
     exact = [index for index, name in enumerate(names) if name == wanted]
     array = [index for index, name in enumerate(names) if re.fullmatch(re.escape(wanted) + r"\.\d+", name)]
@@ -166,13 +161,9 @@ def find_times(names: Sequence[str]) -> int | None:
 def times_us(name: str, values: FloatArray) -> tuple[FloatArray, str | None]:
     """Return times in µs, shape (n,), and a note if the unit was found from the numbers.
 
-    A unit in the column's name is obeyed. Without one, numbers of the size of a time since 1970 are read as that, in
-    s, ms, µs or ns; others in the first of s, ms, µs and ns in which the median step is at most 0.5 s, 0.1 s or 0.1 s.
-
-    Raises
-    ------
-    SettingsError
-        If the name has a unit in brackets that is not one of time.
+    A unit in the column's name is obeyed; SettingsError if it is in brackets and not one of time. Without one, numbers
+    of the size of a time since 1970 are read as that, in s, ms, µs or ns; others in the first of s, ms, µs and ns in
+    which the median step is at most 0.5 s, 0.1 s or 0.1 s.
     """
     _, unit, in_brackets = split_unit(name)
     factor = factor_of(unit, TIME_UNITS)

@@ -73,12 +73,8 @@ _TEXT_CONTROLS: Final = b"\t\n\v\f\r\x1b"
 def open_source(path: Path, max_bytes: int) -> Source:
     """Open a recording of any kind that can be read.
 
-    Raises
-    ------
-    FileError
-        If the file cannot be read, is larger than `max_bytes` (unpacked, too) or is of another kind.
-    UnavailableError
-        If the package that reads this kind is not installed.
+    Raise FileError if it cannot be read, is larger than `max_bytes` (unpacked, too) or is of another kind,
+    UnavailableError if the package that reads this kind is not installed.
     """
     check_readable(path, max_bytes)
     check_main(path)
@@ -90,13 +86,7 @@ def open_source(path: Path, max_bytes: int) -> Source:
 
 
 def kind_of(path: Path, head: bytes) -> str:
-    """Return the kind of a file that can be read, as named in `_READERS`, from its first bytes.
-
-    Raises
-    ------
-    FileError
-        If it is a kind that cannot be read; the message names the kind.
-    """
+    """Return the kind of a file, from its first bytes; raise FileError with its name if it cannot be read."""
     if head.startswith(b"PK"):
         return _kind_of_zip(path)
     start = head.lstrip(b"\xef\xbb\xbf \t\r\n") if head[:1] in b"\xef \t\r\n<{" else head

@@ -44,22 +44,10 @@ _HEADER_SPACE: Final = re.compile(r" (?![\[(])")
 
 
 def read_csv(path: Path, columns: Sequence[str] | None = None, *, max_bytes: int = MAX_BYTES) -> dict[str, FloatArray]:
-    """Read columns of a CSV file, in any form that `TextSource` understands.
+    """Return columns of a CSV file by name, each finite, shape (rows,); `TextSource` describes the forms that it may have.
 
-    Parameters
-    ----------
-    columns
-        Names, or numbers from 0; None: all columns. The other columns may hold anything.
-
-    Returns
-    -------
-    dict
-        The columns by name, each finite and of shape (rows,).
-
-    Raises
-    ------
-    FileError
-        If the file cannot be read, lacks a column, or has a cell there that is not a finite number.
+    `columns` are names, or numbers from 0; None: all. The other columns may hold anything. Raise FileError if the file
+    cannot be read, lacks a column, or has a cell there that is not a finite number.
     """
     check_readable(path, max_bytes)
     source = TextSource(path)
@@ -76,14 +64,8 @@ def read_csv(path: Path, columns: Sequence[str] | None = None, *, max_bytes: int
 def write_csv(target: Path | TextIO, columns: Mapping[str, Sequence[float] | NDArray[Any]]) -> None:
     """Write columns of equal length under a header of their names, to a file or an open stream.
 
-    Numbers read back bit for bit.
-
-    Raises
-    ------
-    FileError
-        If the file cannot be written.
-    ValueError
-        If the columns differ in length.
+    Numbers read back bit for bit. Raise FileError if the file cannot be written, ValueError if the columns differ in
+    length.
     """
     values = [column.tolist() if isinstance(column, np.ndarray) else column for column in columns.values()]
     lengths = {name: len(column) for name, column in columns.items()}
@@ -136,10 +118,7 @@ class TextSource:
     def numbers(self, indices: Sequence[int]) -> FloatArray:
         """Return columns, shape (rows, columns), with NaN where a cell is empty or says NaN, NA, N/A or null.
 
-        Raises
-        ------
-        FileError
-            If a cell is not a finite number, or a row has more or fewer cells than the header.
+        Raise FileError if a cell is not a finite number, or a row has more or fewer cells than the header.
         """
         fast = self._numbers_at_once(indices)
         return self._numbers_by_cell(indices) if fast is None else fast
@@ -150,13 +129,7 @@ class TextSource:
         return is_stamp(next((cell for cell in cells if not _is_missing(cell)), ""))
 
     def stamps_us(self, index: int) -> IntArray:
-        """Return a column of ISO 8601 stamps in µs since 1970, shape (rows,); `times.NO_STAMP` where it is empty.
-
-        Raises
-        ------
-        FileError
-            If a cell is not such a stamp.
-        """
+        """Return a column of ISO 8601 stamps in µs since 1970, shape (rows,); `NO_STAMP` where it is empty."""
         stamps = []
         for row, cells in enumerate(self._cells()):
             stamp = stamp_us(cells[index])
@@ -304,28 +277,16 @@ class Layout(NamedTuple):
 
 
 def _find_layout(path: Path, sample: Sequence[tuple[int, str]], comment: str) -> Layout:
-    """Return the layout of a table.
+    """Return the layout of a table; raise FileError if a quoted cell is not closed.
 
     The separator is that of tab, semicolon, comma and white space that gives every line the same number of cells; if
-    several do, the one that gives numbers rather than text, and then the one that gives most cells. If none does, it
-    is the first of these that the first line has. Where the separator is not a comma, ``1,5`` is a number with a
-    decimal comma.
+    several do, the one that gives numbers rather than text, and then the one that gives most cells. If none does, it is
+    the first of these that the first line has. Where it is not a comma, ``1,5`` is a number with a decimal comma.
 
     The first line is a header unless its cells are numbers, stamps or empty. Then the names come from a comment above
     it if that has the same number of cells and no numbers, as `numpy.savetxt` writes it; otherwise they are "0", "1",
-    …. A row of units may follow the header.
-
-    Parameters
-    ----------
-    sample
-        Number and text of the first lines that are not blank or comments, at least one.
-    comment
-        Last comment line before them, or "".
-
-    Raises
-    ------
-    FileError
-        If a quoted cell is not closed.
+    …. A row of units may follow the header. `sample` has number and text of the first lines that are not blank or
+    comments, at least one; `comment` is the last comment line before them, or "".
     """
     lines = [line for _, line in sample]
     separator = _separator(lines)

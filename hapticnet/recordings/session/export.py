@@ -30,12 +30,8 @@ NEEDS_PYARROW: Final = "Parquet files need pyarrow (extra parquet): pip install 
 def export(session: Session, path: Path) -> None:
     """Write a recording as .csv, .npz, .mcap or .parquet, whatever the suffix says.
 
-    Raises
-    ------
-    FileError
-        If it cannot be written, or has times that the format has not.
-    UnavailableError
-        If the format needs an extra.
+    Raise FileError if it cannot be written, or has times that the format has not, UnavailableError if it needs an
+    extra.
     """
     why = {} if session.is_whole else {INCOMPLETE: "the file that it comes from was cut off or damaged"}
     about: dict[str, Any] = {**session.about, **why}

@@ -61,15 +61,8 @@ def records(file: IO[bytes], path: Path, max_bytes: int) -> Iterator[Record]:
     """Yield what is whole in a file, in its order, and stop where it is cut off or its structure is damaged.
 
     In the place of a record that is damaged comes a `Damage`. A Footer comes last if the file is complete. A channel
-    comes once, though files repeat them; schemas and attachments are passed over.
-
-    Raises
-    ------
-    FileError
-        If it is not an MCAP file, unpacks to more than `max_bytes`, or describes too many topics; nothing beyond the
-        limits is unpacked.
-    UnavailableError
-        If the extra ``record`` is not installed.
+    comes once, though files repeat them; schemas and attachments are passed over. Raise FileError if it is not an MCAP
+    file, unpacks to more than `max_bytes`, or describes too many topics; nothing beyond the limits is unpacked.
     """
     try:
         from mcap.data_stream import ReadDataStream
@@ -209,15 +202,7 @@ class _Reading:
 
 
 def read_mcap(path: Path, max_bytes: int) -> Session:
-    """Return a recording that hapticnet wrote, as far as it is whole.
-
-    Raises
-    ------
-    FileError
-        If it is another file, or unpacks to more than `max_bytes`.
-    UnavailableError
-        If the extra ``record`` is not installed.
-    """
+    """Return a recording that hapticnet wrote, as far as it is whole; raise FileError if it is something else."""
     reading: dict[int, _Reading] = {}
     logs: list[tuple[int, str, str]] = []
     event_channels: set[int] = set()

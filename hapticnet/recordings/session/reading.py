@@ -37,12 +37,8 @@ _BESIDE: Final = (*(f".{name}s.csv" for name in _OTHER_TABLES), ".events.csv", "
 def read_session(path: Path, *, max_bytes: int = MAX_BYTES) -> Session:
     """Return a recording that a master or slave wrote; of an .mcap file that is cut off, what is whole.
 
-    Raises
-    ------
-    FileError
-        If it cannot be read, is something else, or unpacks to more than `max_bytes`.
-    UnavailableError
-        If its format needs an extra.
+    Raise FileError if it cannot be read, is something else, or unpacks to more than `max_bytes`, UnavailableError if
+    its format needs an extra.
     """
     unfinished = path.parent / (path.name + UNFINISHED)
     if not path.exists() and unfinished.exists():

@@ -33,19 +33,9 @@ class Recovered:
 def recover_file(path: Path, out: Path | None = None) -> Recovered:
     """Make a complete recording of an unfinished or truncated one.
 
-    Parameters
-    ----------
-    path
-        ``FILE.unfinished``, which is deleted afterwards, or an .mcap file that is cut off or damaged, which is kept.
-    out
-        Where the complete one goes; None: FILE, or for an .mcap file ``NAME-recovered.mcap``.
-
-    Raises
-    ------
-    FileError
-        If it cannot be read, a session still writes it, or the complete one cannot be written or exists already.
-    UnavailableError
-        If its format needs an extra.
+    `path` is ``FILE.unfinished``, which is deleted afterwards, or an .mcap file that is cut off or damaged, which is
+    kept. `out` is where the complete one goes; None: FILE, or for an .mcap file ``NAME-recovered.mcap``. Raise
+    FileError if it cannot be read, a session still writes it, or the complete one cannot be written or exists already.
     """
     unfinished = path.parent / (path.name + UNFINISHED)
     if not path.exists() and unfinished.exists():
