@@ -44,7 +44,7 @@ _HEADER_SPACE: Final = re.compile(r" (?![\[(])")
 
 
 def read_csv(path: Path, columns: Sequence[str] | None = None, *, max_bytes: int = MAX_BYTES) -> dict[str, FloatArray]:
-    """Return columns of a CSV file by name, each finite, shape (rows,); `TextSource` describes the forms that it may have.
+    """Return columns of a CSV file by name, each finite, shape (rows,), in any form that `TextSource` reads.
 
     `columns` are names, or numbers from 0; None: all. The other columns may hold anything. Raise FileError if the file
     cannot be read, lacks a column, or has a cell there that is not a finite number.
