@@ -29,33 +29,9 @@ CALM_US: Final = 1_000_000
 class Flow(ABC, Generic[AnyRow]):
     """What is common to both tasks of a study.
 
-    Parameters
-    ----------
-    plan
-        The plan, with what the participant reads.
-    schedule
-        The schedule of the session, a `schedule_kind`.
-    rows
-        Rows of earlier runs of this session.
-    now_us
-        Time [µs] at which this run begins.
-    constants
-        Values of columns that are the same in all rows: participant, session, observer, device, and those of the law.
-    questions
-        What is asked about the participant after the consent.
-
-    Attributes
-    ----------
-    screen
-        What to show now.
-    activity
-        What the rig must perform now; None while only a key is awaited.
-    answered
-        Whether the activity must be stopped, because there is an answer or an abort.
-    done
-        Whether the session is over, or cannot go on now: then `failure` says why.
-    deepest_m
-        How deep [m] the needle was in the present trial, as the front notes it; None while that is not known.
+    `schedule` is a `schedule_kind`; `rows` are those of earlier runs of this session, and this run begins at `now_us`
+    [µs]. `constants` are values of columns that are the same in all rows: participant, session, observer, device, and
+    those of the law. `questions` are asked about the participant after the consent.
     """
 
     kind: type[AnyRow]
@@ -73,11 +49,11 @@ class Flow(ABC, Generic[AnyRow]):
         questions: Sequence[QuestionPlan] = (),
     ) -> None:
         self.rows = list(rows)
-        self.deepest_m: float | None = None
-        self.done = False
+        self.activity: Activity | None = None  # what the rig must perform now; None while only a key is awaited
+        self.answered = False  # whether the activity must be stopped, because there is an answer or an abort
+        self.deepest_m: float | None = None  # deepest place [m] of the needle in this trial, as the front notes it
+        self.done = False  # whether the session is over, or cannot go on now: then `failure` says why
         self.failure: str | None = None
-        self.answered = False
-        self.activity: Activity | None = None
         self._plan = plan
         self._schedule = schedule
         self._constants = constants

@@ -53,12 +53,7 @@ COUNTED: Final = ("practice", "trial", "aborted", "repeated", "rating")
 class Keyboard:
     """Reads keys from a terminal as they are typed, or from a pipe. Use it as a context manager, on an event loop.
 
-    Parameters
-    ----------
-    on_key
-        Called with each key; with "" when there will be no more.
-    stdin
-        File descriptor.
+    `on_key` is called with each key, and with "" when there will be no more.
     """
 
     def __init__(self, on_key: Callable[[str], None], stdin: int = 0) -> None:
@@ -121,16 +116,10 @@ Said: TypeAlias = str | Stop
 
 
 class KeyFront(ABC):
-    """Shows screens to a person, and passes keys on.
-
-    Attributes
-    ----------
-    number
-        Number of the present question. A key counts for the question on which it was pressed and for no other.
-    """
+    """Shows screens to a person, and passes keys on."""
 
     def __init__(self) -> None:
-        self.number = 0
+        self.number = 0  # of the present question: a key counts for the question on which it was pressed, and no other
         self._shown: Screen | None = None
         self._said: asyncio.Queue[tuple[int | None, Said]] = asyncio.Queue()
 
@@ -248,14 +237,8 @@ class SimulatedFront:
     The random numbers of an answer depend on the seed and on how many trials there were, so a session that goes on
     after a crash draws what it would have drawn.
 
-    Parameters
-    ----------
-    settings
-        The observer; differences between participants are drawn from the seed.
-    key
-        Seed, number of the participant, and number of the session.
-    waits
-        Whether an observer takes its time, which costs nothing in virtual time.
+    `key` is the seed, the number of the participant, and that of the session. An observer `waits` where that costs
+    nothing: in virtual time.
     """
 
     def __init__(self, settings: ObserverSettings, rig: Rig, key: tuple[int, int, int], *, waits: bool) -> None:

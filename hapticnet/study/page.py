@@ -68,18 +68,8 @@ class SeenHand:
 class ParticipantPage(KeyFront, Audience):
     """Shows a participant the screens of a session, and the scene during a trial.
 
-    Parameters
-    ----------
-    hand
-        The hand; None if nothing is to be moved.
-    source
-        Where its positions come from, in a word: page, trace, udp, ….
-    texts
-        What the participant reads.
-    masking_noise
-        Whether masking noise begins with the first press on the page.
-    say
-        Called with a line for the experimenter: what the participant sees, never the condition.
+    `hand` is None if nothing is to be moved; `source` says in a word where its positions come from. `say` is called
+    with lines for the experimenter: what the participant sees, never the condition.
     """
 
     views: tuple[View, ...] = ("operator",)

@@ -243,15 +243,7 @@ PRESETS: Final = {
 
 
 def find_plan(spec: str) -> Plan:
-    """Return a preset, or the plan in a TOML file.
-
-    Raises
-    ------
-    FileError
-        If the file cannot be read.
-    SettingsError
-        If a key is unknown, or a value cannot be used.
-    """
+    """Return a preset, or the plan in a TOML file; raise FileError or SettingsError if it cannot be read or used."""
     if spec in PRESETS:
         return PRESETS[spec]
     path = user_path(spec)

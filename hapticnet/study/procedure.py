@@ -196,14 +196,9 @@ class Question:
 
 
 class Procedure:
-    """Asks the questions of all series, one after the other.
+    """Asks the questions of all series, one after the other, and those after `answers` that were given before.
 
-    Parameters
-    ----------
-    intervals
-        For a forced choice: the interval of the comparison in each pair, ``plan.pairs`` for each series.
-    answers
-        Answers that were given before.
+    For a forced choice, `intervals` has the interval of the comparison in each pair, ``plan.pairs`` for each series.
     """
 
     def __init__(

@@ -56,16 +56,8 @@ class Body:
 class RealRig:
     """The chain in real time. Use it as an asynchronous context manager.
 
-    Parameters
-    ----------
-    body
-        What stays for the whole session.
-    settings
-        Settings of the masters, such as the key.
-    address
-        Where the slave listens; it serves `scene.NamedTissues`. None without trials.
-    tell
-        Called with a line for the experimenter.
+    At `address` listens the slave, which serves `scene.NamedTissues`; None without trials. `tell` is called with lines
+    for the experimenter.
     """
 
     def __init__(

@@ -285,13 +285,7 @@ class VirtualRig:
 
 
 def play_trial(stimulus: Stimulus, *, make_hand: MakeHand = scripted_hand) -> Played:
-    """Play one trial through the chain in virtual time, with a device that has just met the finger.
-
-    Raises
-    ------
-    UnavailableError
-        If it cannot be played.
-    """
+    """Play one trial in virtual time, with a device that has met the finger; raise UnavailableError if it fails."""
     device = SimulatedDevice(PlantSettings(), np.random.default_rng([stimulus.seed, 9]))
     rig = VirtualRig(Fingertip(device, LimitSettings(), ForceControlSettings()), MasterSettings(), make_hand=make_hand)
     asyncio.run(rig.run(Meet()))

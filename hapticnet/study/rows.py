@@ -172,13 +172,7 @@ def header(kind: type[Row]) -> str:
 
 
 def from_cells(kind: type[AnyRow], names: Sequence[str], cells: Sequence[str]) -> AnyRow:
-    """Return the row of a table with columns `names`.
-
-    Raises
-    ------
-    FileError
-        If there are too many or too few cells, or one cannot be read.
-    """
+    """Return the row of a table with columns `names`; raise FileError if a cell is missing or cannot be read."""
     if len(names) != len(cells):
         raise FileError(f"the row has {len(cells)} cells; the table has {len(names)} columns")
     types = get_type_hints(kind)
@@ -195,13 +189,7 @@ def from_cells(kind: type[AnyRow], names: Sequence[str], cells: Sequence[str]) -
 
 
 def sidecar(kind: type[Row], levels: Mapping[str, Mapping[str, str]]) -> dict[str, Any]:
-    """Return the description of each column, as a JSON file beside the table has it.
-
-    Parameters
-    ----------
-    levels
-        What values of a column meant to the participant (`Texts.levels`).
-    """
+    """Return the description of each column, for a JSON file beside the table; `levels` is `Texts.levels`."""
     described: dict[str, Any] = {
         "event": {"Description": "Kind of the row.", "Levels": {name: name for name in get_args(Event)}},
         "participant": {"Description": "Number of the participant."},

@@ -59,22 +59,10 @@ async def conduct(
 ) -> None:
     """Conduct a session to its end.
 
-    Parameters
-    ----------
-    date
-        Returns the date and time for the rows.
-    on_outcome
-        Called in a thread with each row that an activity left and with what came of the activity, once the row is
-        stored.
-    on_row
-        Called with each row, also with one that was stored before the session went on.
+    `on_outcome` is called in a thread with each row that an activity left and with what came of the activity, once the
+    row is stored; `on_row` with each row, also with one that was stored before the session went on.
 
-    Raises
-    ------
-    FileError
-        If a row cannot be stored.
-    UnavailableError
-        If the session cannot go on; what was answered is stored.
+    Raise FileError if a row cannot be stored, UnavailableError if the session cannot go on.
     """
     own_version = version()
 
@@ -153,11 +141,7 @@ def record_trials(
     """Return what records each trial that was played, answered or not; None if nothing is recorded.
 
     A recording is never overwritten. `about` is the configuration of the session, for every file.
-
-    Raises
-    ------
-    UnavailableError
-        If the form needs an extra that is not installed.
+    Raise UnavailableError if the form needs an extra that is not installed.
     """
     if form == "none":
         return None

@@ -25,12 +25,7 @@ _NAME: Final = re.compile(r"trial \d+ of ([0-9.]{1,8}),([0-9.]{1,8}),([0-9.]{1,8
 def tissues(breach_forces_n: Sequence[float], gap_m: float) -> tuple[Tissue, ...]:
     """Return tissues that are each breached at half the distance to the next, as in the paper's scene.
 
-    Parameters
-    ----------
-    breach_forces_n
-        Breach forces [N], front to back.
-    gap_m
-        Distance [m] between surfaces, and in front of the first.
+    Breach forces [N] are front to back; `gap_m` [m] is the distance between surfaces, and in front of the first.
     """
     return tuple(
         Tissue(

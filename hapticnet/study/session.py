@@ -80,13 +80,7 @@ class SessionSettings:
 
 
 def check_number(settings: SessionSettings) -> None:
-    """Check the number of a participant, and that the folder does not have it in another spelling.
-
-    Raises
-    ------
-    SettingsError
-        If it is not a number, or the folder has the data of participant 03 and 3 is given.
-    """
+    """Raise SettingsError if a participant is not a number, or the folder spells it otherwise, such as 03 for 3."""
     number = participant_number(settings.participant)
     for folder in settings.out.glob("sub-*"):
         other = folder.name.removeprefix("sub-")
@@ -100,11 +94,8 @@ def check_number(settings: SessionSettings) -> None:
 def check_session(settings: SessionSettings) -> None:
     """Check that a session can begin or go on, before anything is opened.
 
-    Raises
-    ------
-    SettingsError
-        If the number cannot be used, the session exists and is not to go on or the other way round, or the folder has
-        the data of people and the session is of a simulated observer or the other way round.
+    Raise SettingsError if the number cannot be used, the session exists and is not to go on or the other way round, or
+    the folder has the data of people and the session is of a simulated observer or the other way round.
     """
     check_number(settings)
     table = settings.table
@@ -131,15 +122,7 @@ def participant_path(out: Path, participant: str) -> Path:
 
 
 def keep_plan(plan: Plan, out: Path) -> None:
-    """Store the plan with the data; a folder holds the data of one plan.
-
-    Raises
-    ------
-    SettingsError
-        If the folder holds data of another plan.
-    FileError
-        If it cannot be written.
-    """
+    """Store the plan with the data; raise SettingsError if the folder holds data of another plan."""
     path = out / PLAN_FILE
     if path.exists():
         if find_plan(str(path)).digest() != plan.digest():
@@ -165,12 +148,7 @@ class ChosenLaw:
 def law_of_participant(settings: SessionSettings) -> ChosenLaw:
     """Return the law at 1 JND: that with which the session began, or the participant's own, or the plan's.
 
-    Raises
-    ------
-    SettingsError
-        If the plan requires the participant's own JND and there is none that can be used.
-    FileError
-        If a file cannot be read.
+    Raise SettingsError if the plan requires the participant's own JND and there is none that can be used.
     """
     table, jnd = settings.table, settings.plan.jnd
     for row in read_table(table, OrderRow, most=1) if settings.resume and table.exists() else ():
@@ -255,13 +233,7 @@ def _rows_to_go_on_with(settings: SessionSettings, store: Store[Any]) -> list[An
 
 
 def write_participant(settings: SessionSettings, flow: LimitsFlow) -> tuple[Path, ParticipantFile]:
-    """Write what was measured; an earlier session of the same participant keeps its file under its own name.
-
-    Raises
-    ------
-    SettingsError
-        If no JND was found.
-    """
+    """Write what was measured; raise SettingsError if no JND was found. An earlier session keeps its file."""
     procedure = flow.procedure
     measured = participant_file(
         settings.participant,

@@ -43,12 +43,8 @@ class Store(Generic[AnyRow]):
     def append(self, row: AnyRow) -> bool:
         """Write a row and wait until it is on the disk; return whether it is new, and not one that was expected again.
 
-        Raises
-        ------
-        FileError
-            If it cannot be written, for instance because the disk is full. The table is as before then.
-        SettingsError
-            If another row was expected again.
+        Raise FileError if it cannot be written, for instance because the disk is full: the table is as before then; and
+        SettingsError if another row was expected again.
         """
         earlier = self._expected.pop() if self._expected else None
         if earlier is None:
@@ -99,13 +95,7 @@ class Store(Generic[AnyRow]):
 
 
 def read_table(path: Path, kind: type[AnyRow], *, most: int | None = None) -> list[AnyRow]:
-    """Return the rows of a table without changing it, `most` of them; a torn last line is left out.
-
-    Raises
-    ------
-    FileError
-        If the table cannot be read.
-    """
+    """Return the rows of a table without changing it, `most` of them; a torn last line is left out."""
     data = read_bytes(path, LARGEST_TABLE)
     lines = data[: data.rfind(b"\n") + 1].decode("utf-8", "replace").splitlines()
     return _rows_of(lines[: None if most is None else 1 + most], kind, path)
@@ -131,23 +121,10 @@ def opened(
     resume: bool,
     levels: Mapping[str, Mapping[str, str]] | None = None,
 ) -> Iterator[Store[AnyRow]]:
-    """Open or make the table of a session, with its schedule and its sidecar, and keep other sessions away.
+    """Open or make the table of a session, with its schedule and its sidecar (`levels`), and keep other sessions away.
 
-    Parameters
-    ----------
-    schedule
-        The schedule to store with a new session. A session that goes on keeps its own; read it with `stored_schedule`.
-    resume
-        Whether the session may exist already.
-    levels
-        As for `sidecar`.
-
-    Raises
-    ------
-    SettingsError
-        If the session exists and is not to go on, or another process runs it.
-    FileError
-        If a file cannot be written or read.
+    A session that goes on keeps its own schedule. Raise SettingsError if the session exists and is not to `resume`, or
+    another process runs it.
     """
     folder = path.parent
     make_folder(folder)
@@ -193,10 +170,7 @@ def _sync_folder(folder: Path) -> None:
 def table_files(folder: Path, kind: type[AnyRow]) -> list[Path]:
     """Return the tables of a kind in a folder and below, in order of their names.
 
-    Raises
-    ------
-    FileError
-        If the folder does not exist, or a table has a column that no session writes; a missing one is not available.
+    Raise FileError if the folder does not exist, or a table has a column that no session writes.
     """
     if not folder.is_dir():
         raise FileError(f"{folder}: no such folder")
@@ -218,10 +192,7 @@ def table_files(folder: Path, kind: type[AnyRow]) -> list[Path]:
 def read_rows(folder: Path, kind: type[AnyRow]) -> list[AnyRow]:
     """Return the rows of every table of a kind in a folder and below, table by table.
 
-    Raises
-    ------
-    FileError
-        If the folder does not exist, a table cannot be read, or two tables have the same session of a participant.
+    Raise FileError if a table cannot be read, or two tables have the same session of a participant.
     """
     found: list[AnyRow] = []
     tables: dict[tuple[str, int], Path] = {}

@@ -90,12 +90,7 @@ def english() -> Texts:
 def find_texts(spec: object, folder: Path) -> Any:
     """Return the texts that a plan names: a file beside it, or the texts themselves, as a stored plan has them.
 
-    Raises
-    ------
-    FileError
-        If the file cannot be read.
-    SettingsError
-        If a text is missing, empty, unknown, or without the words in braces.
+    Raise SettingsError if a text is missing, empty, unknown, or without the words in braces.
     """
     if not isinstance(spec, str):
         return spec

@@ -8,15 +8,15 @@ import re
 import signal
 from collections.abc import Callable, Coroutine, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from multiprocessing.connection import Connection
-from pathlib import Path
 from threading import Thread
 from typing import TYPE_CHECKING, Any, Final, TypeAlias
 
 from hapticnet.cli.console import Console, complain, deliver, show
 from hapticnet.cli.experiment.page import OpenedPage, check_page, open_page
 from hapticnet.cli.experiment.results import write_results
+from hapticnet.cli.experiment.sessions import LimitsOptions, OrderOptions
 from hapticnet.cli.operators import make_operator
 from hapticnet.control.hold import LimitSettings
 from hapticnet.device.profile import Profile
@@ -49,7 +49,7 @@ from hapticnet.study.session import (
     law_of_participant,
     open_session,
 )
-from hapticnet.study.tasks import ORDER
+from hapticnet.study.tasks import LIMITS, ORDER
 from hapticnet.study.texts import english
 
 if TYPE_CHECKING:
@@ -64,59 +64,32 @@ OnTrial: TypeAlias = Callable[[], None]
 """Called when a trial was answered."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Request:
-    """What was asked for, as the options of the commands have it."""
-
-    task: str
-    participant: str
-    session: int
-    plan: str
-    seed: int
-    out_dir: Path
-    device: str
-    profile: Path | None
-    page: str | None
-    simulate: str | None
-    wall_clock: bool
-    jobs: int | None
-    resume: bool
-    dry_run: bool
-    json: bool
-    quiet: bool
-    operator: str | None = None  # this one and those below: of the ordering task only
-    connect: str | None = None
-    key: Path | None = None
-    peer_key: str | None = None
-    insecure: bool = False
-    record_format: RecordingForm | None = None
-    analyse: bool = False
-
-
-def run(request: Request) -> None:
-    """Conduct the sessions of a request, and print what came of them."""
-    check_page(request.page, request.simulate, request.operator)
-    observer = None if request.simulate is None else parse_observer(request.simulate)
-    virtual = observer is not None and not request.wall_clock
-    sessions = _sessions(request, find_plan(request.plan), observer)
+def run(asked: LimitsOptions) -> None:
+    """Conduct the sessions that are asked for, and print what came of them."""
+    check_page(asked.page, asked.simulate, asked.operator if isinstance(asked, OrderOptions) else None)
+    observer = None if asked.simulate is None else parse_observer(asked.simulate)
+    virtual = observer is not None and not asked.wall_clock
+    sessions = _sessions(asked, find_plan(asked.plan), observer)
     plan = sessions[0].plan
-    if request.dry_run:
+    if asked.dry_run:
         schedules = [each.schedule() for each in sessions]
-        if request.json:
+        if asked.json:
             print(json.dumps([json.loads(each.to_json()) for each in schedules], indent=1))
         else:
             show("\n".join(line for each in schedules for line in each.lines(plan)))
         return
-    known = devices.load(request.profile)
-    devices.check_device(request.device)
-    is_order = request.task == ORDER
-    form = request.record_format or usual_form(real_time=not virtual) if is_order else "none"
-    console = Console(request.task, quiet=request.quiet)
+    known = devices.load(asked.profile)
+    devices.check_device(asked.device)
+    is_order = isinstance(asked, OrderOptions)
+    form: RecordingForm = "none"
+    if isinstance(asked, OrderOptions):
+        form = asked.record_format or usual_form(real_time=not virtual)
+    console = Console(sessions[0].task, quiet=asked.quiet)
     sessions = [_checked(each) for each in sessions]
     laws: dict[str, list[str]] = {}
     for each in sessions if is_order else ():
         laws.setdefault(law_of_participant(each).describe(), []).append(each.participant)
-    keep_plan(plan, request.out_dir)
+    keep_plan(plan, asked.out_dir)
     if observer is None and plan.consent == ASK and plan.texts.consent == english().consent:
         console.say(
             "the consent is the one that is shipped, which names neither the study nor whom to ask: adapt it with"
@@ -128,43 +101,43 @@ def run(request: Request) -> None:
         trials = len(sessions) * len(plan.condition) * plan.order.trials
         counted = f"of {trials} trials" if is_order else "pairs"
         shared = known, observer, form
-        accounts = conduct_all(_conduct_in_virtual_time, shared, sessions, request.jobs, console, counted)
+        accounts = conduct_all(_conduct_in_virtual_time, shared, sessions, asked.jobs, console, counted)
     else:
-        with open_page(request.page, console, sessions[0].folder, resume=request.resume) as opened:
-            accounts = [_conduct_in_real_time(request, sessions[0], known, observer, opened, form, console)]
+        with open_page(asked.page, console, sessions[0].folder, resume=asked.resume) as opened:
+            accounts = [_conduct_in_real_time(asked, sessions[0], known, observer, opened, form, console)]
     console.finish()
     for account in accounts:
         for told in (*(f"excluded: {why}" for why in account.get("excluded", ())), *account.get("warnings", ())):
             console.warn(f"participant {account['participant']}: {told}")
-    if observer is not None and request.analyse:
+    if observer is not None and isinstance(asked, OrderOptions) and asked.analyse:
         console.say("analysing the answers")
-        out = request.out_dir
-        write_results(out, out / "results", margin=None, seed=request.seed, plots=True, say=console.say)
+        out = asked.out_dir
+        write_results(out, out / "results", margin=None, seed=asked.seed, plots=True, say=console.say)
     title = "Ordering task" if is_order else "JND"
     title = title if observer is None else f"{title}, simulated observer {observer.name}"
-    deliver({"title": title, "participant": accounts}, as_json=request.json, file=None)
+    deliver({"title": title, "participant": accounts}, as_json=asked.json, file=None)
 
 
-def _sessions(request: Request, plan: Plan, observer: ObserverSettings | None) -> list[SessionSettings]:
+def _sessions(asked: LimitsOptions, plan: Plan, observer: ObserverSettings | None) -> list[SessionSettings]:
     """Return the settings of each participant's session; raise SettingsError if it cannot be asked for."""
-    if request.wall_clock and observer is None:
+    if asked.wall_clock and observer is None:
         raise SettingsError("--wall-clock is for simulated observers; a person is always in real time")
-    participants = _participants(request.participant)
-    if len(participants) > 1 and (observer is None or request.wall_clock):
-        raise SettingsError(f"participants {request.participant}: several at once are for --simulate in virtual time")
+    participants = _participants(asked.participant)
+    if len(participants) > 1 and (observer is None or asked.wall_clock):
+        raise SettingsError(f"participants {asked.participant}: several at once are for --simulate in virtual time")
     sessions = [
         SessionSettings(
-            task=request.task,
+            task=ORDER if isinstance(asked, OrderOptions) else LIMITS,
             participant=participant,
-            session=request.session,
-            seed=request.seed,
+            session=asked.session,
+            seed=asked.seed,
             plan=plan,
-            out=request.out_dir,
+            out=asked.out_dir,
             observer=None if observer is None else observer.name,
-            device=request.device,
-            resume=request.resume and not request.dry_run,
-            hurried=request.wall_clock,
-            replays=request.resume and observer is not None and not request.wall_clock,
+            device=asked.device,
+            resume=asked.resume and not asked.dry_run,
+            hurried=asked.wall_clock,
+            replays=asked.resume and observer is not None and not asked.wall_clock,
         )
         for participant in participants
     ]
@@ -219,7 +192,7 @@ def _conduct_in_virtual_time(
 
 
 def _conduct_in_real_time(
-    request: Request,
+    asked: LimitsOptions,
     settings: SessionSettings,
     known: Profile,
     observer: ObserverSettings | None,
@@ -230,8 +203,8 @@ def _conduct_in_real_time(
     """Conduct a session with a person at a page or a terminal, or with a simulated observer; return its account."""
     source, hand, page = "nobody", None, None
     watchers: tuple[Watcher[NodeEvent], ...] = ()
-    if request.task == ORDER:
-        source = request.operator or ("udp:47810" if opened is None else "page")
+    if isinstance(asked, OrderOptions):
+        source = asked.operator or ("udp:47810" if opened is None else "page")
         if observer is None:
             warn = lambda line: console.say(f"warning: {line}")  # noqa: E731
             made = make_operator(source, insertions=1, seed=settings.seed, say=console.say, warn=warn)
@@ -241,7 +214,7 @@ def _conduct_in_real_time(
         watchers += served
     with (
         _fingertip(settings, known) as (fingertip, wire),
-        _slave(request) as (address, master_settings),
+        _slave(asked) as (address, master_settings),
         open_session(settings, now_us()) as (flow, store),
     ):
         body = Body(fingertip=fingertip, wire=wire, hand=hand, hand_watchers=watchers)
@@ -295,15 +268,15 @@ def _fingertip(settings: SessionSettings, known: Profile) -> Iterator[tuple[Fing
 
 
 @contextmanager
-def _slave(request: Request) -> Iterator[tuple[HostPort | None, MasterSettings]]:
+def _slave(asked: LimitsOptions) -> Iterator[tuple[HostPort | None, MasterSettings]]:
     """Yield the address of the slave and the settings of masters; start a slave if one is needed and none is named."""
-    if request.task != ORDER:
+    if not isinstance(asked, OrderOptions):
         yield None, MasterSettings()
-    elif request.connect is not None:
-        address = parse_host_port(request.connect)
+    elif asked.connect is not None:
+        address = parse_host_port(asked.connect)
         sock, slave = open_toward(address)
         sock.close()
-        key = master_key(address, is_loopback(slave), request.key, request.peer_key, request.insecure)
+        key = master_key(address, is_loopback(slave), asked.key, asked.peer_key, asked.insecure)
         yield address, MasterSettings(key=key)
     else:
         child = Child(["slave", "--listen", "127.0.0.1:0", "--scene", SCENE_SPEC])
@@ -324,14 +297,9 @@ def conduct_all(
     console: Console,
     counted: str,
 ) -> list[dict[str, Any]]:
-    """Call ``conduct_one(shared, settings, on_trial)`` for each session, on `jobs` cores; return the accounts.
+    """Call ``conduct_one(shared, settings, on_trial)`` for each session, on `jobs` cores or all; return the accounts.
 
-    Parameters
-    ----------
-    jobs
-        None for all cores.
-    counted
-        What is counted in the lines of progress, such as "of 320 trials".
+    `counted` is what the lines of progress count, such as "of 320 trials".
     """
     accounts: list[dict[str, Any]] = []
     answered = 0

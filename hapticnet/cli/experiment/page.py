@@ -70,11 +70,6 @@ def open_page(page: str | None, console: Console, folder: Path, *, resume: bool)
 
     A session that goes on has the address of the run before, so that a page which is still open finds it again: the
     folder of the session keeps it until the session is over.
-
-    Raises
-    ------
-    UnavailableError
-        If the extra is not installed or the address cannot be used.
     """
     if page is None:
         yield None

@@ -1,101 +1,59 @@
 """``hapticnet experiment limits`` and ``order``: sessions with people or with simulated observers."""
 
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Literal, TypeAlias
+from typing import Annotated, Literal
 
 import typer
 
 from hapticnet import options
 
-Participant: TypeAlias = Annotated[
-    str,
-    typer.Option(
-        metavar="NUMBER", help="Number of the participant, such as 03; names are not stored. Simulated: also 01-08."
-    ),
-]
-Session: TypeAlias = Annotated[int, typer.Option(min=1, help="Number of the session.")]
-PlanOption: TypeAlias = Annotated[
-    str, typer.Option("--plan", metavar="PLAN", help="paper, reachable (1.8, 3.15 and 4.5 N), or a TOML file.")
-]
-SeedOption: TypeAlias = Annotated[int, typer.Option(min=0, help="Seed from which the whole session is drawn.")]
-OutDir: TypeAlias = Annotated[Path, typer.Option(metavar="DIR", help="Folder of the study.")]
-Resume: TypeAlias = Annotated[bool, typer.Option(help="Go on with an interrupted session.")]
-DryRun: TypeAlias = Annotated[bool, typer.Option(help="Print the schedule (with --json all of it); do nothing else.")]
-Simulate: TypeAlias = Annotated[
-    str | None,
-    typer.Option(metavar="OBSERVER", help="A simulated observer in the participant's place, such as literature."),
-]
-WallClock: TypeAlias = Annotated[
-    bool, typer.Option(help="Run a simulated observer in real time, as a person is, not in virtual time.")
-]
 
-PageOption: TypeAlias = Annotated[
-    str | None,
-    typer.Option(
-        "--page",
-        metavar="[HOST:PORT]",
-        help="Let the participant see and answer everything on a page in the browser, by default on 127.0.0.1:47880 or"
-        " a free port, and print its URL; needs the extra web.",
-    ),
-]
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LimitsOptions:
+    """The options of ``hapticnet experiment limits``."""
 
-
-def limits(
-    participant: Participant,
-    session: Session = 1,
-    plan: PlanOption = "paper",
-    seed: SeedOption = 0,
-    out_dir: OutDir = Path("study"),
-    device: options.Device = "sim",
-    profile: options.Profile = None,
-    page: PageOption = None,
-    simulate: Simulate = None,
-    wall_clock: WallClock = False,
-    jobs: options.Jobs = None,
-    resume: Resume = False,
-    dry_run: DryRun = False,
-    json: options.Json = False,
-    quiet: options.Quiet = False,
-) -> None:
-    """Measure the JND of a participant at each reference force, and write DIR/participants/NUMBER.toml.
-
-    The plan chooses the method: ascending limits, or a forced choice of two intervals with a 1-up-2-down or a Bayesian
-    staircase. Forces pass the hold and the force loop, as in the ordering task; a pair that the device missed is
-    presented again. Each answer is stored at once; --resume goes on after any interruption.
-    """
-    from hapticnet.cli.experiment.conducting import Request, run
-
-    run(
-        Request(
-            task="limits",
-            participant=participant,
-            session=session,
-            plan=plan,
-            seed=seed,
-            out_dir=out_dir,
-            device=device,
-            profile=profile,
-            page=page,
-            simulate=simulate,
-            wall_clock=wall_clock,
-            jobs=jobs,
-            resume=resume,
-            dry_run=dry_run,
-            json=json,
-            quiet=quiet,
-        )
-    )
+    participant: Annotated[
+        str,
+        typer.Option(
+            metavar="NUMBER", help="Number of the participant, such as 03; names are not stored. Simulated: also 01-08."
+        ),
+    ]
+    session: Annotated[int, typer.Option(min=1, help="Number of the session.")] = 1
+    plan: Annotated[
+        str, typer.Option("--plan", metavar="PLAN", help="paper, reachable (1.8, 3.15 and 4.5 N), or a TOML file.")
+    ] = "paper"
+    seed: Annotated[int, typer.Option(min=0, help="Seed from which the whole session is drawn.")] = 0
+    out_dir: Annotated[Path, typer.Option(metavar="DIR", help="Folder of the study.")] = Path("study")
+    device: options.Device = "sim"
+    profile: options.Profile = None
+    page: Annotated[
+        str | None,
+        typer.Option(
+            "--page",
+            metavar="[HOST:PORT]",
+            help="Let the participant see and answer everything on a page in the browser, by default on 127.0.0.1:47880"
+            " or a free port, and print its URL; needs the extra web.",
+        ),
+    ] = None
+    simulate: Annotated[
+        str | None,
+        typer.Option(metavar="OBSERVER", help="A simulated observer in the participant's place, such as literature."),
+    ] = None
+    wall_clock: Annotated[
+        bool, typer.Option(help="Run a simulated observer in real time, as a person is, not in virtual time.")
+    ] = False
+    jobs: options.Jobs = None
+    resume: Annotated[bool, typer.Option(help="Go on with an interrupted session.")] = False
+    dry_run: Annotated[bool, typer.Option(help="Print the schedule (with --json all of it); do nothing else.")] = False
+    json: options.Json = False
+    quiet: options.Quiet = False
 
 
-def order(
-    participant: Participant,
-    session: Session = 1,
-    plan: PlanOption = "paper",
-    seed: SeedOption = 0,
-    out_dir: OutDir = Path("study"),
-    device: options.Device = "sim",
-    profile: options.Profile = None,
-    page: PageOption = None,
+@dataclass(frozen=True, slots=True, kw_only=True)
+class OrderOptions(LimitsOptions):
+    """The options of ``hapticnet experiment order``."""
+
     operator: Annotated[
         str | None,
         typer.Option(
@@ -103,62 +61,43 @@ def order(
             show_default="page with --page, else udp:47810",
             help="A person's hand: page, udp:[HOST:]PORT, trace:FILE or a class of yours.",
         ),
-    ] = None,
+    ] = None
     connect: Annotated[
         str | None,
         typer.Option(
             metavar="HOST:PORT",
             help="A slave started with --scene hapticnet.study.scene:NamedTissues; else one is started here.",
         ),
-    ] = None,
-    key: options.Key = None,
-    peer_key: options.PeerKey = None,
-    insecure: options.Insecure = False,
-    simulate: Simulate = None,
-    wall_clock: WallClock = False,
-    jobs: options.Jobs = None,
+    ] = None
+    key: options.Key = None
+    peer_key: options.PeerKey = None
+    insecure: options.Insecure = False
     record_format: Annotated[
         Literal["mcap", "npz", "none"] | None,
         typer.Option(help="Format of the recordings, one a trial; default: mcap in real time if installed, else npz."),
-    ] = None,
-    analyse: Annotated[bool, typer.Option(help="With --simulate, analyse the study at the end.")] = True,
-    resume: Resume = False,
-    dry_run: DryRun = False,
-    json: options.Json = False,
-    quiet: options.Quiet = False,
-) -> None:
+    ] = None
+    analyse: Annotated[bool, typer.Option(help="With --simulate, analyse the study at the end.")] = True
+
+
+def limits(asked: LimitsOptions) -> None:
+    """Measure the JND of a participant at each reference force, and write DIR/participants/NUMBER.toml.
+
+    The plan chooses the method: ascending limits, or a forced choice of two intervals with a 1-up-2-down or a Bayesian
+    staircase. Forces pass the hold and the force loop, as in the ordering task; a pair that the device missed is
+    presented again. Each answer is stored at once; --resume goes on after any interruption.
+    """
+    from hapticnet.cli.experiment.conducting import run
+
+    run(asked)
+
+
+def order(asked: OrderOptions) -> None:
     """Let a participant order three tissues by stiffness, under each condition of the plan.
 
     Trials come in balanced orders that are drawn first and stored. Each answer is stored at once; --resume goes on
     after any interruption. Nothing that the participant sees tells the condition. With simulated observers, report and
     figures follow, as by 'hapticnet experiment analyse'; on two cores, eight participants take about two minutes.
     """
-    from hapticnet.cli.experiment.conducting import Request, run
+    from hapticnet.cli.experiment.conducting import run
 
-    run(
-        Request(
-            task="order",
-            participant=participant,
-            session=session,
-            plan=plan,
-            seed=seed,
-            out_dir=out_dir,
-            device=device,
-            profile=profile,
-            page=page,
-            simulate=simulate,
-            wall_clock=wall_clock,
-            jobs=jobs,
-            resume=resume,
-            dry_run=dry_run,
-            json=json,
-            quiet=quiet,
-            operator=operator,
-            connect=connect,
-            key=key,
-            peer_key=peer_key,
-            insecure=insecure,
-            record_format=record_format,
-            analyse=analyse,
-        )
-    )
+    run(asked)
