@@ -71,13 +71,6 @@ class UserObject:
         except BaseException as error:
             return {"report": str(failure(f"{type(self.made).__name__}.report", error))}
 
-    def called(self, value: float, now_us: int) -> Any:
-        """Return what the method returns; raise UserCodeError if it raises."""
-        try:
-            return self._call(value, now_us)
-        except BaseException as error:
-            raise failure(self._method, error) from error
-
     def refuse(self, result: Any, wanted: str) -> UserCodeError:
         """Return the error of a method that returned something else than `wanted`."""
         return UserCodeError(f"{self._method} returned {short(result)}; it must return {wanted}")
@@ -104,7 +97,10 @@ class UserDevice(UserObject, Device):  # type: ignore[override]  # a status that
         Raise UserCodeError if the object raises, or returns something else than a force, a reading or None.
         """
         set_m = min(max(displacement_m, 0.0), self.travel_m) if math.isfinite(displacement_m) else 0.0
-        result = self.called(set_m, now_us)
+        try:
+            result = self._call(set_m, now_us)
+        except BaseException as error:
+            raise failure(self._method, error) from error
         self._otherwise = "it gives no reading" if result is None else "ready"
         if result is None:
             return None
@@ -133,7 +129,10 @@ class UserActuator(UserObject):
 
         Raise UserCodeError if the object raises, or returns something else than a number or None.
         """
-        result = self.called(force_n, now_us)
+        try:
+            result = self._call(force_n, now_us)
+        except BaseException as error:
+            raise failure(self._method, error) from error
         if result is not None and not _is_finite(result):
             raise self.refuse(result, "a finite number [N] or None")
         return None if result is None else float(result)
