@@ -100,13 +100,10 @@ def test_recordings_that_cannot_be_encoded_are_refused_in_one_line(files, file, 
         (("--floor", "-1"), ("JND floor is -1.0",)),
         (("--multiplier", "inf"), ("JND multiplier is inf",)),
         (("--sampling-rate", "0"), ("rate is 0.0",)),
-        (("--sampling-rate", "inf"), ("rate is inf",)),
         (("--force-column", "x"), ("x",)),
         (("--force-column", "fx,fy,fx,fy"), ("4 force columns",)),
-        (("--weber", "many"), ("--weber",)),
         (("--colour", "red"), ("--colour",)),
         (("--force-column", "fx", "--csv", "/proc/nowhere/out.csv"), ("/proc/nowhere",)),
-        (("--force-column", ""), ("is empty",)),
     ],
 )
 def test_flags_of_encode_that_cannot_be_are_refused_in_one_line(files, arguments, words):
@@ -124,16 +121,11 @@ def test_flags_of_encode_that_cannot_be_are_refused_in_one_line(files, arguments
         (("slave", "--listen", "127.0.0.1:99999"), ("99999", "0 to 65535")),
         (("slave", "--listen", "::1:5"), ("brackets",)),
         (("slave", "--channel-out", "carrier-pigeon"), ("carrier-pigeon", "wifi")),
-        (("slave", "--channel-out", "loss=200%"), ("loss=200%",)),
-        (("slave", "--seed", "-1"), ("--seed",)),
         (("slave", "--most-sessions", "1000000000"), ("--most-sessions", "1000000")),
-        (("master", "--codec", "mp3"), ("unknown codec 'mp3'",)),
         (("master", "--operator", "robot"), ("unknown operator 'robot'", "scripted")),
         (("master", "--operator", "trace:missing.csv"), ("missing.csv",)),
         (("master", "--device", "glove"), ("unknown device 'glove'", "sim")),
-        (("master", "--rate", "0"), ("rate is 0.0 Hz",)),
         (("master", "--rate", "nan"), ("rate is nan Hz",)),
-        (("scene", "show", "/dev/zero.toml"), ("No such file",)),
         (("scene", "show", "{files}/zero.toml"), ("is a character device",)),
         (("master", "--profile", "{files}/zero.toml"), ("is a character device",)),
         (("master", "--operator", "trace:{files}/zero.toml"), ("is a character device",)),
@@ -141,7 +133,6 @@ def test_flags_of_encode_that_cannot_be_are_refused_in_one_line(files, arguments
         (("master", "--operator", "trace:{files}/good.csv:y"), ('no column "y"',)),
         (("scene", "run", "paper", "--trace", "{files}/zero.toml"), ("is a character device",)),
         (("scene", "show", "paper:x"), ("paper:x", "seed")),
-        (("scene", "run", "paper", "--trace", "missing.csv"), ("missing.csv",)),
         (("fly",), ("fly",)),
         (("demo", "--device", "glove", "--out-dir", "{files}/demo"), ("unknown device 'glove'",)),
     ],
@@ -190,12 +181,9 @@ def test_a_port_in_use_is_named_in_one_line():
         assert_one_line(hapticnet("slave", "--listen", address), address, "in use", code=UNAVAILABLE)
 
 
-def test_a_host_that_does_not_exist():
+def test_hosts_that_do_not_exist_or_are_not_this_machine():
     done = hapticnet("master", "--connect", "no.such.host.invalid:1")
     assert_one_line(done, "cannot find host 'no.such.host.invalid'", code=UNAVAILABLE)
-
-
-def test_an_address_that_is_not_this_machines():
     assert_one_line(hapticnet("slave", "--listen", "192.0.2.1:47800"), "cannot listen", code=UNAVAILABLE)
 
 
@@ -208,10 +196,7 @@ def test_an_address_that_is_not_this_machines():
             ("{files}/good.csv", "--force-column", "f", "--position-column", "x", "--position-scale", "nan"),
             ("--position-scale is nan",),
         ),
-        (
-            ("{files}/good.csv", "--force-column", "f", "--position-scale", "2"),
-            ("--position-column, which is not given",),
-        ),
+        (("{files}/good.csv", "--force-column", "f", "--position-scale", "2"), ("--position-column, which is not",)),
         (("{files}/good.csv", "--force-column", "f", "--max-size", "1"), ("the limit is 1",)),
         (("{files}/good.csv", "--force-column", "f", "--max-size", "much"), ("much", "500MB")),
         (("--force-column", "f_n"), ("none is named",)),
@@ -224,16 +209,12 @@ def test_an_address_that_is_not_this_machines():
         (("--grid", "multiplier"), ("'multiplier'", "KEY=FROM:TO:COUNT")),
         (("--grid", "gain=1,2"), ("'gain'", "multiplier", "window_ms")),
         (("--grid", "multiplier=1,2", "--multipliers", "4"), ("--grid multiplier and --multipliers",)),
-        (("--jobs", "0"), ("--jobs", "it must be at least 1")),
         (("--plot-dir", "{files}/plots", "--plot-format", "gif"), ("'gif'", "'png', 'pdf', 'svg'")),
         (("--plot-dir", "{files}/plots", "--signal", "mp3"), ("'mp3'", "deadband")),
         (("--plot-dir", "{files}/plots", "--window", "3-1"), ("'3-1'", "FROM:TO")),
         (("--plot-dir", "{files}/plots", "--window", "3:1"), ("from 3 to 1 s", "forward")),
         (("--plot-dir", "{files}/plots", "--window", "100:105"), ("from 100 to 105 s", "paper's scene 1 ends at 10.7")),
-        (
-            ("{files}/good.csv", "--force-column", "f", "--position-column", "f"),
-            ('"f" is taken as force and as position',),
-        ),
+        (("{files}/good.csv", "--force-column", "f", "--position-column", "f"), ('"f" is taken as force and as pos',)),
         (("{files}/two.csv", "--force-column", "fx,fx"), ('"fx" is taken as force twice',)),
         (("{files}/good.csv", "--force-column", "t_s"), ('"t_s" is taken as time and as force', "--time-column")),
         (("{files}/good.csv", "--force-column", "f", "--time-column", "nowhere"), ('no column "nowhere"', "t_s, f, x")),

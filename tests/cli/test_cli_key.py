@@ -89,14 +89,8 @@ def test_list_shows_the_masters_and_their_limits_but_no_secret(home, tmp_path, m
     as_json = hapticnet("key", "list", "--json")
     report = json.loads(as_json.stdout)
     assert report["file"] == str(masters)
-    assert report["masters"][1] == {
-        "name": "two",
-        "public": public[1],
-        "psk": True,
-        "scene": "paper:1",
-        "fastest_rate_hz": 500.0,
-        "most_sessions": 2,
-    }
+    limits = {"scene": "paper:1", "fastest_rate_hz": 500.0, "most_sessions": 2}
+    assert report["masters"][1] == {"name": "two", "public": public[1], "psk": True, **limits}
     assert PSK not in shown.stdout + shown.stderr + as_json.stdout + as_json.stderr
 
 

@@ -31,12 +31,8 @@ def listed(public, more=""):
 
 @pytest.mark.parametrize("address", ["0.0.0.0:0", "[::]:0"])
 def test_a_slave_that_other_hosts_can_reach_needs_keys_or_a_word(home, address):
-    assert_one_line(
-        hapticnet("slave", "--listen", address),
-        "hapticnet key new",
-        f"list the masters in {home / 'masters.toml'}",
-        "--insecure",
-    )
+    listing = f"list the masters in {home / 'masters.toml'}"
+    assert_one_line(hapticnet("slave", "--listen", address), "hapticnet key new", listing, "--insecure")
 
 
 def test_a_slave_with_a_key_needs_a_list(home):
@@ -122,10 +118,8 @@ def test_a_report_does_not_overwrite_a_key_or_the_list(tmp_path):
     ("arguments", "words"),
     [
         (("slave", "--keep", "0.5"), "--keep is 0.5 s; it must be between 1"),
-        (("slave", "--keep", "nan"), "--keep is nan"),
         (("slave", "--most-sessions-per-key", "0"), "--most-sessions-per-key"),
         (("master", "--max-age", "0"), "--max-age is 0.0 s; it must be between 0.01"),
-        (("master", "--max-age", "inf"), "--max-age is inf"),
     ],
 )
 def test_limits_that_cannot_be_are_refused(arguments, words):

@@ -1,6 +1,7 @@
 """A slave, a master with a hand and its page on one event loop, and clients that speak to it as pages do."""
 
 import asyncio
+import functools
 import json
 import struct
 from collections.abc import AsyncIterator, Awaitable, Callable
@@ -205,7 +206,12 @@ async def rig(
         slave_sock.close()
 
 
-def play(scenario: Callable[[], Awaitable[None]]) -> None:
+def played(test: Callable[..., Awaitable[None]]) -> Callable[..., None]:
     """Run a test on a loop of its own."""
-    with asyncio.Runner(loop_factory=uvloop.new_event_loop) as runner:
-        runner.run(scenario())
+
+    @functools.wraps(test)
+    def run(*args: Any, **kwargs: Any) -> None:
+        with asyncio.Runner(loop_factory=uvloop.new_event_loop) as runner:
+            runner.run(test(*args, **kwargs))
+
+    return run

@@ -77,7 +77,7 @@ def serve_files(page: Page, stage: Stage) -> None:
     """Answer each request with a file of the package, as the server does."""
 
     def answer(route: Route) -> None:
-        stage.messages.append(route.request.url)
+        stage.requests.append(route.request.url)
         name = route.request.url.removeprefix(f"{ORIGIN}/").partition("?")[0].removeprefix("static/")
         body, kind = FILES[f"{name}.html" if name in messages.VIEWS else name]
         route.fulfill(body=body, content_type=kind, headers=HEADERS)

@@ -11,7 +11,7 @@ from hapticnet.operator.scripted import InsertionSettings, ScriptedOperator
 from hapticnet.scene.settings import SceneSettings, Tissue
 from hapticnet.web import messages
 from hapticnet.web.messages import CloseCode
-from tests.web.rig import Client, Rig, play, rig, until
+from tests.web.rig import Client, Rig, played, rig, until
 
 
 async def push(client: Client, position_m: float, seconds: float) -> None:
@@ -27,27 +27,25 @@ async def take(run: Rig, client: Client) -> None:
     await client.hear("hand", holder="you", state="live")
 
 
-def test_samples_arrive_without_gaps_and_the_force_follows_the_hand():
-    async def scenario() -> None:
-        async with rig() as run, run.open("watch") as client:
-            await take(run, client)
-            await push(client, 0.027, 0.7)
-            await until(lambda: client.newest("held")[-1] > 1.0)
-            following, _, _ = client.blocks[0]
-            for number, _, block in client.blocks:
-                assert number == following
-                following += block.shape[1]
-            columns = client.columns()
-            assert (np.diff(columns["t"]) > 0).all()
-            assert np.nanmedian(np.abs(columns["true"] - columns["held"])) < 0.1
-            assert columns["packets"].sum() > 10
-            assert client.frames[-1]["contacts"] == (1, 0, 0)
-            assert client.frames[-1]["surfaces_m"][0] == client.frames[-1]["tip_m"]
-            assert client.frames[-1]["time_ms"] == 1.0
-            feedback = (await client.hear("state", link="established"))["feedback"]
-            assert feedback["bytes"] < 0.5 * feedback["raw_bytes"]
-
-    play(scenario)
+@played
+async def test_samples_arrive_without_gaps_and_the_force_follows_the_hand():
+    async with rig() as run, run.open("watch") as client:
+        await take(run, client)
+        await push(client, 0.027, 0.7)
+        await until(lambda: client.newest("held")[-1] > 1.0)
+        following, _, _ = client.blocks[0]
+        for number, _, block in client.blocks:
+            assert number == following
+            following += block.shape[1]
+        columns = client.columns()
+        assert (np.diff(columns["t"]) > 0).all()
+        assert np.nanmedian(np.abs(columns["true"] - columns["held"])) < 0.1
+        assert columns["packets"].sum() > 10
+        assert client.frames[-1]["contacts"] == (1, 0, 0)
+        assert client.frames[-1]["surfaces_m"][0] == client.frames[-1]["tip_m"]
+        assert client.frames[-1]["time_ms"] == 1.0
+        feedback = (await client.hear("state", link="established"))["feedback"]
+        assert feedback["bytes"] < 0.5 * feedback["raw_bytes"]
 
 
 def told(client: Client) -> list[str]:
@@ -55,114 +53,104 @@ def told(client: Client) -> list[str]:
     return [each["type"] for each in client.json if each["type"] != "hand"]
 
 
-def test_the_operator_view_gets_nothing_that_gives_an_answer_away():
-    async def scenario() -> None:
-        async with rig(scene="paper:3") as run, run.open("operator") as operator, run.open("watch") as watcher:
-            await take(run, operator)
-            await push(operator, 0.027, 0.4)
-            before = told(operator)
-            await watcher.say("set", codec="raw", multiplier=4, delay_ms=5, loss_percent=1)
-            await watcher.hear("state", codec="raw", multiplier=4.0)
-            await until(lambda: watcher.last("state")["connections"] == 2)
-            await push(operator, 0.027, 0.4)
-            assert told(operator) == before  # a change of the condition cannot be seen
-            assert {each["type"] for each in operator.json} == {"hello", "scene", "ready", "hand"}
-            for message in operator.json:
-                assert message.keys() <= {
-                    "type", "version", "view", "messages_per_s", "hand", "known", "range_m", "tissues", "ready",
-                    "holder", "state",
-                }  # fmt: skip
-            assert operator.last("scene")["tissues"] == [{"rest_m": 0.02}, {"rest_m": 0.04}, {"rest_m": 0.06}]
-            assert not operator.blocks
-            known = operator.last("scene")["known"]
-            shown = [data for data in operator.raw if isinstance(data, bytes)]
-            assert known
-            assert {data[0] for data in shown} == {messages.FRAME}
-            assert {len(data) for data in shown if data[2]} == {20 + 3 * 5}
-            for name in ("paper", "deadband", '"raw"', "_n", "stiff", "breach", "tissue 1"):
-                assert not any(name in json.dumps(message) for message in operator.json), name
-
-    play(scenario)
+@played
+async def test_the_operator_view_gets_nothing_that_gives_an_answer_away():
+    async with rig(scene="paper:3") as run, run.open("operator") as operator, run.open("watch") as watcher:
+        await take(run, operator)
+        await push(operator, 0.027, 0.4)
+        before = told(operator)
+        await watcher.say("set", codec="raw", multiplier=4, delay_ms=5, loss_percent=1)
+        await watcher.hear("state", codec="raw", multiplier=4.0)
+        await until(lambda: watcher.last("state")["connections"] == 2)
+        await push(operator, 0.027, 0.4)
+        assert told(operator) == before  # a change of the condition cannot be seen
+        assert {each["type"] for each in operator.json} == {"hello", "scene", "ready", "hand"}
+        for message in operator.json:
+            assert message.keys() <= {
+                "type", "version", "view", "messages_per_s", "hand", "known", "range_m", "tissues", "ready",
+                "holder", "state",
+            }  # fmt: skip
+        assert operator.last("scene")["tissues"] == [{"rest_m": 0.02}, {"rest_m": 0.04}, {"rest_m": 0.06}]
+        assert not operator.blocks
+        known = operator.last("scene")["known"]
+        shown = [data for data in operator.raw if isinstance(data, bytes)]
+        assert known
+        assert {data[0] for data in shown} == {messages.FRAME}
+        assert {len(data) for data in shown if data[2]} == {20 + 3 * 5}
+        for name in ("paper", "deadband", '"raw"', "_n", "stiff", "breach", "tissue 1"):
+            assert not any(name in json.dumps(message) for message in operator.json), name
 
 
-def test_one_page_has_the_hand_and_when_it_goes_the_needle_is_withdrawn():
-    async def scenario() -> None:
-        async with rig() as run, run.open("operator") as other:
-            async with run.open("watch") as client:
-                await take(run, client)
-                await push(client, 0.01, 0.5)
-                assert (await other.hear("hand", holder="another"))["state"] == "live"
-                await other.say("take")
-                assert (await other.hear("error"))["message"] == "another page moves the needle"
-                await other.move(0.09)
-                await push(client, 0.01, 0.1)
-                assert run.hand is not None
-                assert run.hand.position_m < 0.011
-            await other.hear("hand", holder="nobody", state="withdrawing")
-            await other.hear("hand", holder="nobody", state="free")
-            assert run.node.position_m == (0.0,)
-            await take(run, other)
-            await other.say("release")
-            await other.hear("hand", holder="nobody")
-
-    play(scenario)
-
-
-def test_a_page_that_falls_silent_loses_the_hand():
-    async def scenario() -> None:
-        async with rig() as run, run.open("watch") as client:
+@played
+async def test_one_page_has_the_hand_and_when_it_goes_the_needle_is_withdrawn():
+    async with rig() as run, run.open("operator") as other:
+        async with run.open("watch") as client:
             await take(run, client)
-            await push(client, 0.01, 0.3)
-            await client.hear("hand", holder="you", state="holding")
-            await client.hear("hand", holder="nobody", state="withdrawing")
-            await client.hear("hand", holder="nobody", state="free")
-            await client.move(0.01)
-            await asyncio.sleep(0.1)
-            assert run.node.position_m == (0.0,)
-
-    play(scenario)
-
-
-def test_whoever_watches_can_let_go():
-    async def scenario() -> None:
-        async with rig() as run, run.open("operator") as operator, run.open("watch") as watcher:
-            await take(run, operator)
-            await push(operator, 0.01, 0.2)
-            await operator.say("let_go")
-            assert (await operator.hear("error"))["message"] == "the operator view cannot do that"
-            assert operator.last("hand")["holder"] == "you"
-            await watcher.say("let_go")
-            await operator.hear("hand", holder="nobody")
-
-    play(scenario)
+            await push(client, 0.01, 0.5)
+            assert (await other.hear("hand", holder="another"))["state"] == "live"
+            await other.say("take")
+            assert (await other.hear("error"))["message"] == "another page moves the needle"
+            await other.move(0.09)
+            await push(client, 0.01, 0.1)
+            assert run.hand is not None
+            assert run.hand.position_m < 0.011
+        await other.hear("hand", holder="nobody", state="withdrawing")
+        await other.hear("hand", holder="nobody", state="free")
+        assert run.node.position_m == (0.0,)
+        await take(run, other)
+        await other.say("release")
+        await other.hear("hand", holder="nobody")
 
 
-def test_settings_change_while_it_runs_and_the_scene_stays():
-    async def scenario() -> None:
-        async with rig(scene=brittle()) as run, run.open("watch") as client:
-            await take(run, client)
-            await push(client, 0.012, 0.5)  # through the only tissue
-            for multiplier in (0.5, 1.0, 1.5, 2.0):
-                await client.say("set", multiplier=multiplier)
-            await client.say("set", codec="linear-predictive")
-            await until(lambda: client.last("state").get("connections", 0) >= 2 and run.node.session.streaming)
-            state = await client.hear("state", codec="linear-predictive", multiplier=2.0)
-            assert state["connections"] <= 3  # a dragged slider asks for few sessions
-            assert state["since_s"] > 0
-            await push(client, 0.012, 0.3)
-            assert client.newest("held")[-1] == 0.0  # still pierced
-            await client.say("set", delay_ms=20, loss_percent=50)
-            await client.hear("state", delay_ms=20.0, loss_percent=50.0)
-            in_force = [each for _, each in run.node.in_force.history]
-            assert {each.multiplier for each in in_force} >= {1.0, 2.0}, "recordings are told what a page changes"
-            assert (in_force[-1].codec, in_force[-1].channel_out) == ("linear-predictive", "delay=20ms,loss=50%")
-            assert not [text for text in client.last("event").values() if "SettingsInForce" in str(text)]
-            before = client.last("state")["lost"]
-            await push(client, 0.005, 0.6)
-            await until(lambda: client.last("state")["lost"] > before)
-            assert not client.last("error")
+@played
+async def test_a_page_that_falls_silent_loses_the_hand():
+    async with rig() as run, run.open("watch") as client:
+        await take(run, client)
+        await push(client, 0.01, 0.3)
+        await client.hear("hand", holder="you", state="holding")
+        await client.hear("hand", holder="nobody", state="withdrawing")
+        await client.hear("hand", holder="nobody", state="free")
+        await client.move(0.01)
+        await asyncio.sleep(0.1)
+        assert run.node.position_m == (0.0,)
 
-    play(scenario)
+
+@played
+async def test_whoever_watches_can_let_go():
+    async with rig() as run, run.open("operator") as operator, run.open("watch") as watcher:
+        await take(run, operator)
+        await push(operator, 0.01, 0.2)
+        await operator.say("let_go")
+        assert (await operator.hear("error"))["message"] == "the operator view cannot do that"
+        assert operator.last("hand")["holder"] == "you"
+        await watcher.say("let_go")
+        await operator.hear("hand", holder="nobody")
+
+
+@played
+async def test_settings_change_while_it_runs_and_the_scene_stays():
+    async with rig(scene=brittle()) as run, run.open("watch") as client:
+        await take(run, client)
+        await push(client, 0.012, 0.5)  # through the only tissue
+        for multiplier in (0.5, 1.0, 1.5, 2.0):
+            await client.say("set", multiplier=multiplier)
+        await client.say("set", codec="linear-predictive")
+        await until(lambda: client.last("state").get("connections", 0) >= 2 and run.node.session.streaming)
+        state = await client.hear("state", codec="linear-predictive", multiplier=2.0)
+        assert state["connections"] <= 3  # a dragged slider asks for few sessions
+        assert state["since_s"] > 0
+        await push(client, 0.012, 0.3)
+        assert client.newest("held")[-1] == 0.0  # still pierced
+        await client.say("set", delay_ms=20, loss_percent=50)
+        await client.hear("state", delay_ms=20.0, loss_percent=50.0)
+        in_force = [each for _, each in run.node.in_force.history]
+        assert {each.multiplier for each in in_force} >= {1.0, 2.0}, "recordings are told what a page changes"
+        assert (in_force[-1].codec, in_force[-1].channel_out) == ("linear-predictive", "delay=20ms,loss=50%")
+        assert not [text for text in client.last("event").values() if "SettingsInForce" in str(text)]
+        before = client.last("state")["lost"]
+        await push(client, 0.005, 0.6)
+        await until(lambda: client.last("state")["lost"] > before)
+        assert not client.last("error")
 
 
 def brittle() -> SceneSettings:
@@ -170,151 +158,133 @@ def brittle() -> SceneSettings:
     return SceneSettings(name="foil", tissues=(tissue,))
 
 
-def test_a_setting_that_is_refused_changes_nothing():
-    async def scenario() -> None:
-        async with rig() as run, run.open("watch") as client:
-            await client.hear("state", link="established")
-            for content, complaint in (
-                ({"codec": "best", "delay_ms": 9}, "unknown codec 'best'"),
-                ({"codec": "evil.py:Codec"}, "unknown codec"),
-                ({"multiplier": 5e-324}, "multiplier"),
-                ({"loss_percent": 99}, "loss_percent is 99; it must be between 0 and 50"),
-            ):
-                await client.say("set", **content)
-                await until(lambda expected=complaint: expected in client.last("error").get("message", ""))
-            state = await client.hear("state")
-            assert (state["codec"], state["delay_ms"], state["connections"]) == ("deadband", 0.0, 1)
-            assert run.node.connected
-
-    play(scenario)
+@played
+async def test_a_setting_that_is_refused_changes_nothing():
+    async with rig() as run, run.open("watch") as client:
+        await client.hear("state", link="established")
+        for content, complaint in (
+            ({"codec": "best", "delay_ms": 9}, "unknown codec 'best'"),
+            ({"codec": "evil.py:Codec"}, "unknown codec"),
+            ({"multiplier": 5e-324}, "multiplier"),
+            ({"loss_percent": 99}, "loss_percent is 99; it must be between 0 and 50"),
+        ):
+            await client.say("set", **content)
+            await until(lambda expected=complaint: expected in client.last("error").get("message", ""))
+        state = await client.hear("state")
+        assert (state["codec"], state["delay_ms"], state["connections"]) == ("deadband", 0.0, 1)
+        assert run.node.connected
 
 
-def test_a_scene_of_ones_own_is_shown_where_it_is_known():
-    async def scenario() -> None:
-        async with rig(scene=brittle()) as run, run.open("watch") as client:
-            await until(lambda: run.node.connected)
-            assert await client.hear("scene", known=False, name="foil", tissues=[])
-            await until(lambda: bool(client.frames) and bool(client.blocks))
-            assert client.frames[-1]["surfaces_m"] == ()
-            assert np.isnan(client.columns()["true"]).all()
-        async with rig(scene=brittle(), known_scene=brittle()) as run, run.open("watch") as client:
-            assert (await client.hear("scene", known=True, name="foil"))["tissues"][0]["name"] == "foil"
-
-    play(scenario)
+@played
+async def test_a_scene_of_ones_own_is_shown_where_it_is_known():
+    async with rig(scene=brittle()) as run, run.open("watch") as client:
+        await until(lambda: run.node.connected)
+        assert await client.hear("scene", known=False, name="foil", tissues=[])
+        await until(lambda: bool(client.frames) and bool(client.blocks))
+        assert client.frames[-1]["surfaces_m"] == ()
+        assert np.isnan(client.columns()["true"]).all()
+    async with rig(scene=brittle(), known_scene=brittle()) as run, run.open("watch") as client:
+        assert (await client.hear("scene", known=True, name="foil"))["tissues"][0]["name"] == "foil"
 
 
-def test_a_script_can_be_watched_but_not_taken():
-    async def scenario() -> None:
-        operator = ScriptedOperator(InsertionSettings(insertions=1), np.random.default_rng(1))
-        async with rig(operator=operator) as run, run.open("watch") as client:
-            await until(lambda: bool(client.blocks) and run.node.ticks > 200)
-            assert client.json[0]["hand"]["source"] == "scripted"
-            await client.say("take")
-            assert "no hand to take" in (await client.hear("error"))["message"]
-            assert client.last("hand") == {"type": "hand", "holder": "nobody", "state": "free"}
-
-    play(scenario)
+@played
+async def test_a_script_can_be_watched_but_not_taken():
+    operator = ScriptedOperator(InsertionSettings(insertions=1), np.random.default_rng(1))
+    async with rig(operator=operator) as run, run.open("watch") as client:
+        await until(lambda: bool(client.blocks) and run.node.ticks > 200)
+        assert client.json[0]["hand"]["source"] == "scripted"
+        await client.say("take")
+        assert "no hand to take" in (await client.hear("error"))["message"]
+        assert client.last("hand") == {"type": "hand", "holder": "nobody", "state": "free"}
 
 
-def test_a_page_that_opens_later_gets_the_past():
-    async def scenario() -> None:
-        async with rig() as run, run.open("watch") as early:
-            await until(lambda: sum(block.shape[1] for _, _, block in early.blocks) > 300)
-            async with run.open("watch") as late:
-                await until(lambda: bool(late.blocks))
-                assert late.blocks[0][0] == 0
-                assert late.blocks[0][2].shape[1] >= 300
-                assert await late.hear("event")
-
-    play(scenario)
+@played
+async def test_a_page_that_opens_later_gets_the_past():
+    async with rig() as run, run.open("watch") as early:
+        await until(lambda: sum(block.shape[1] for _, _, block in early.blocks) > 300)
+        async with run.open("watch") as late:
+            await until(lambda: bool(late.blocks))
+            assert late.blocks[0][0] == 0
+            assert late.blocks[0][2].shape[1] >= 300
+            assert await late.hear("event")
 
 
-def test_without_a_slave_the_page_says_that_there_is_nothing_to_touch():
-    async def scenario() -> None:
-        async with rig(with_slave=False) as run, run.open("operator") as client:
-            await client.hear("ready", ready=False)
-            await client.hear("scene", known=False)
-            await until(lambda: len(client.frames) > 3)
-            assert run.said == []
-
-    play(scenario)
+@played
+async def test_without_a_slave_the_page_says_that_there_is_nothing_to_touch():
+    async with rig(with_slave=False) as run, run.open("operator") as client:
+        await client.hear("ready", ready=False)
+        await client.hear("scene", known=False)
+        await until(lambda: len(client.frames) > 3)
+        assert run.said == []
 
 
-def test_malformed_messages_are_told_once_and_end_only_that_page():
-    async def scenario() -> None:
-        async with rig() as run, run.open("watch") as good, run.open("watch") as bad:
-            await take(run, good)
-            for number in range(messages.MOST_MISTAKES):
-                await (bad.socket.send_str("{") if number % 2 else bad.socket.send_bytes(b"\xff" * number))
-            await until(lambda: bad.socket.closed)
-            assert bad.socket.close_code == CloseCode.TOO_MANY_MISTAKES
-            assert len(run.said) == 1
-            assert "makes no sense" in run.said[0]
-            await push(good, 0.01, 0.3)
-            assert good.last("hand")["holder"] == "you"
-            async with run.open("watch") as big:
-                await big.socket.send_str("x" * (messages.LARGEST_MESSAGE + 1))
-                await until(lambda: big.socket.closed)
-            async with run.open("watch") as flooding:
-                for _ in range(2000):
-                    await flooding.move(0.0)
-                await until(lambda: flooding.socket.closed)
-                assert flooding.socket.close_code == CloseCode.TOO_MANY_MESSAGES
-            await push(good, 0.01, 0.1)
-            assert good.last("hand")["holder"] == "you"
-            assert run.node.failure is None
-
-    play(scenario)
+@played
+async def test_malformed_messages_are_told_once_and_end_only_that_page():
+    async with rig() as run, run.open("watch") as good, run.open("watch") as bad:
+        await take(run, good)
+        for number in range(messages.MOST_MISTAKES):
+            await (bad.socket.send_str("{") if number % 2 else bad.socket.send_bytes(b"\xff" * number))
+        await until(lambda: bad.socket.closed)
+        assert bad.socket.close_code == CloseCode.TOO_MANY_MISTAKES
+        assert len(run.said) == 1
+        assert "makes no sense" in run.said[0]
+        await push(good, 0.01, 0.3)
+        assert good.last("hand")["holder"] == "you"
+        async with run.open("watch") as big:
+            await big.socket.send_str("x" * (messages.LARGEST_MESSAGE + 1))
+            await until(lambda: big.socket.closed)
+        async with run.open("watch") as flooding:
+            for _ in range(2000):
+                await flooding.move(0.0)
+            await until(lambda: flooding.socket.closed)
+            assert flooding.socket.close_code == CloseCode.TOO_MANY_MESSAGES
+        await push(good, 0.01, 0.1)
+        assert good.last("hand")["holder"] == "you"
+        assert run.node.failure is None
 
 
-def test_a_stranger_gets_nothing():
-    async def scenario() -> None:
-        async with rig() as run:
-            token = run.access.tokens["watch"]
-            own = {"Origin": run.address("")}
-            for path, headers, status in (
-                (f"/watch?token={token}", {}, 200),
-                ("/watch", {}, 403),
-                (f"/operator?token={token}", {}, 403),
-                (f"/watch?token={token}", {"Host": "evil.example"}, 421),
-                ("/static/watch.html", {}, 404),
-                ("/static/../page.py", {}, 404),
-                ("/static/%2e%2e/page.py", {}, 404),
-                ("/", {}, 404),
-            ):
-                async with run.http.get(run.address(path), headers=headers) as answer:
-                    assert answer.status == status, path
-                    assert "default-src 'none'" in answer.headers["Content-Security-Policy"] or status == 404
-            for headers in ({}, {"Origin": "http://evil.example"}, {"Origin": "null"}, {"Origin": "http://[::1"}):
-                with pytest.raises(aiohttp.WSServerHandshakeError, match="403"):
-                    await run.http.ws_connect(run.address(f"/socket/watch?token={token}"), headers=headers)
-            for path in ("/socket/watch", f"/socket/operator?token={token}"):
-                async with run.http.ws_connect(run.address(path), headers=own) as socket:
-                    assert (await socket.receive()).data == CloseCode.WRONG_TOKEN
-            assert run.page.clients == []
-
-    play(scenario)
+@played
+async def test_a_stranger_gets_nothing():
+    async with rig() as run:
+        token = run.access.tokens["watch"]
+        own = {"Origin": run.address("")}
+        for path, headers, status in (
+            (f"/watch?token={token}", {}, 200),
+            ("/watch", {}, 403),
+            (f"/operator?token={token}", {}, 403),
+            (f"/watch?token={token}", {"Host": "evil.example"}, 421),
+            ("/static/watch.html", {}, 404),
+            ("/static/../page.py", {}, 404),
+            ("/static/%2e%2e/page.py", {}, 404),
+            ("/", {}, 404),
+        ):
+            async with run.http.get(run.address(path), headers=headers) as answer:
+                assert answer.status == status, path
+                assert "default-src 'none'" in answer.headers["Content-Security-Policy"] or status == 404
+        for headers in ({}, {"Origin": "http://evil.example"}, {"Origin": "null"}, {"Origin": "http://[::1"}):
+            with pytest.raises(aiohttp.WSServerHandshakeError, match="403"):
+                await run.http.ws_connect(run.address(f"/socket/watch?token={token}"), headers=headers)
+        for path in ("/socket/watch", f"/socket/operator?token={token}"):
+            async with run.http.ws_connect(run.address(path), headers=own) as socket:
+                assert (await socket.receive()).data == CloseCode.WRONG_TOKEN
+        assert run.page.clients == []
 
 
-def test_when_the_master_ends_the_pages_are_told():
-    async def scenario() -> None:
-        async with rig() as run, run.open("watch") as client:
-            await client.hear("ready", ready=True)
-            run.stop.set()
-            await until(lambda: client.socket.closed)
-            assert client.socket.close_code == CloseCode.MASTER_ENDED
-
-    play(scenario)
+@played
+async def test_when_the_master_ends_the_pages_are_told():
+    async with rig() as run, run.open("watch") as client:
+        await client.hear("ready", ready=True)
+        run.stop.set()
+        await until(lambda: client.socket.closed)
+        assert client.socket.close_code == CloseCode.MASTER_ENDED
 
 
-def test_a_page_that_fails_is_switched_off_and_the_run_goes_on(monkeypatch: pytest.MonkeyPatch):
-    async def scenario() -> None:
-        async with rig() as run, run.open("watch") as client:
-            await take(run, client)
-            monkeypatch.setattr(run.page, "_send_frames", lambda *_: 1 / 0)
-            await until(lambda: any("switched off" in line for line in run.said))
-            ticks = run.node.ticks
-            await until(lambda: run.node.ticks > ticks + 50)
-            assert run.node.failure is None
-
-    play(scenario)
+@played
+async def test_a_page_that_fails_is_switched_off_and_the_run_goes_on(monkeypatch: pytest.MonkeyPatch):
+    async with rig() as run, run.open("watch") as client:
+        await take(run, client)
+        monkeypatch.setattr(run.page, "_send_frames", lambda *_: 1 / 0)
+        await until(lambda: any("switched off" in line for line in run.said))
+        ticks = run.node.ticks
+        await until(lambda: run.node.ticks > ticks + 50)
+        assert run.node.failure is None

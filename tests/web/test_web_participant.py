@@ -14,7 +14,7 @@ from hapticnet.study.plan import ConditionPlan, OrderPlan, Plan
 from hapticnet.study.rows import OrderRow
 from hapticnet.web.messages import CloseCode
 from tests.web.participant import Participant, session
-from tests.web.rig import play, until
+from tests.web.rig import played, until
 
 BEFORE = ("instructions", "consent")
 
@@ -39,30 +39,29 @@ async def to_the_trial(client: Participant) -> None:
     await client.hear("ready", ready=True)
 
 
-def test_a_session_is_seen_felt_and_answered_on_the_page(tmp_path: Path):
-    async def scenario() -> None:
-        async with session(tmp_path, plan(practice=1, trials=2)) as run, run.open() as client:
-            await client.go_on(*BEFORE, "practice")
-            await client.answer()
-            await client.go_on("feedback")
-            for progress in ("0 of 2 trials", "1 of 2 trials"):
-                await client.hear("task", screen="trial", progress=progress)
-                client.frames.clear()
-                await client.push(0.025, lambda: bool(client.frames) and client.frames[-1]["contacts"] == (1, 0, 0))
-                await client.answer("132")
-            await client.see("rating")
-            await client.press("6")
-            await client.see("done")
-            assert [event for event in run.events() if event not in ("begin", "meet", "started")] == [
-                "consent", "practice", "trial", "trial", "rating", "end",
-            ]  # fmt: skip
-            assert {row.order_answered for row in run.rows if row.event == "trial"} == {"132"}
-            await until(lambda: client.closed)
-
-    play(scenario)
+@played
+async def test_a_session_is_seen_felt_and_answered_on_the_page(tmp_path: Path):
+    async with session(tmp_path, plan(practice=1, trials=2)) as run, run.open() as client:
+        await client.go_on(*BEFORE, "practice")
+        await client.answer()
+        await client.go_on("feedback")
+        for progress in ("0 of 2 trials", "1 of 2 trials"):
+            await client.hear("task", screen="trial", progress=progress)
+            client.frames.clear()
+            await client.push(0.025, lambda: bool(client.frames) and client.frames[-1]["contacts"] == (1, 0, 0))
+            await client.answer("132")
+        await client.see("rating")
+        await client.press("6")
+        await client.see("done")
+        assert [event for event in run.events() if event not in ("begin", "meet", "started")] == [
+            "consent", "practice", "trial", "trial", "rating", "end",
+        ]  # fmt: skip
+        assert {row.order_answered for row in run.rows if row.event == "trial"} == {"132"}
+        await until(lambda: client.closed)
 
 
-def test_nothing_that_is_sent_depends_on_the_tissues_or_the_condition(tmp_path: Path):
+@played
+async def test_nothing_that_is_sent_depends_on_the_tissues_or_the_condition(tmp_path: Path):
     """Two sessions that differ in tissues, codec and what the device delivered are the same on the page."""
 
     async def play_one(out: Path, study: Plan, seed: int) -> tuple[list[str], list[OrderRow]]:
@@ -86,19 +85,16 @@ def test_nothing_that_is_sent_depends_on_the_tissues_or_the_condition(tmp_path: 
             ]  # time goes on while it is sent
             return texts, [row for row in run.rows if row.event in ("repeated", "trial")]
 
-    async def scenario() -> None:
-        texts, rows = await play_one(tmp_path / "one", plan(), 1)
-        other = plan(forces_n=(1.8, 3.15, 4.5), name="4 JND", codec="deadband", multiplier=4.0)
-        other_texts, other_rows = await play_one(tmp_path / "other", other, 5)
-        assert other_texts == texts
-        for field in ("breach_forces_n", "order_true", "condition", "codec"):
-            assert getattr(rows[1], field) != getattr(other_rows[1], field)
-        assert "delivered 0." in (rows[0].reason or "")
-        assert {json.loads(text)["type"] for text in texts} == {"hello", "scene", "ready", "task", "error"}
-        tissues = next(scene["tissues"] for scene in map(json.loads, texts) if scene.get("tissues"))
-        assert [set(tissue) for tissue in tissues] == [{"name", "rest_m"}] * 3
-
-    play(scenario)
+    texts, rows = await play_one(tmp_path / "one", plan(), 1)
+    other = plan(forces_n=(1.8, 3.15, 4.5), name="4 JND", codec="deadband", multiplier=4.0)
+    other_texts, other_rows = await play_one(tmp_path / "other", other, 5)
+    assert other_texts == texts
+    for field in ("breach_forces_n", "order_true", "condition", "codec"):
+        assert getattr(rows[1], field) != getattr(other_rows[1], field)
+    assert "delivered 0." in (rows[0].reason or "")
+    assert {json.loads(text)["type"] for text in texts} == {"hello", "scene", "ready", "task", "error"}
+    tissues = next(scene["tissues"] for scene in map(json.loads, texts) if scene.get("tissues"))
+    assert [set(tissue) for tissue in tissues] == [{"name", "rest_m"}] * 3
 
 
 def surfaces_at(tip_m: float) -> dict[str, Any]:
@@ -113,148 +109,128 @@ def surfaces_at(tip_m: float) -> dict[str, Any]:
     return {"contacts": tuple(contacts), "surfaces_m": tuple(surfaces_m)}
 
 
-def test_a_page_closed_in_a_trial_ends_it_and_the_next_page_goes_on(tmp_path: Path):
-    async def scenario() -> None:
-        async with session(tmp_path, plan()) as run:
-            async with run.open() as client:
-                await to_the_trial(client)
-                await client.push(0.03, lambda: run.hand.position_m > 0.02)
-            await until(lambda: "aborted" in run.events())
-            assert run.rig.running is None
-            assert (run.hand.state, run.hand.position_m) == (HandState.FREE, 0.0)
-            assert next(row.reason for row in run.rows if row.event == "aborted") == "the page was closed"
-            async with run.open() as client:
-                await client.go_on("repeat")
-                await client.answer()
-                await client.see("rating")
-        assert run.events().count("trial") == 1
-
-    play(scenario)
+@played
+async def test_a_page_closed_in_a_trial_ends_it_and_the_next_page_goes_on(tmp_path: Path):
+    async with session(tmp_path, plan()) as run:
+        async with run.open() as client:
+            await to_the_trial(client)
+            await client.push(0.03, lambda: run.hand.position_m > 0.02)
+        await until(lambda: "aborted" in run.events())
+        assert run.rig.running is None
+        assert (run.hand.state, run.hand.position_m) == (HandState.FREE, 0.0)
+        assert next(row.reason for row in run.rows if row.event == "aborted") == "the page was closed"
+        async with run.open() as client:
+            await client.go_on("repeat")
+            await client.answer()
+            await client.see("rating")
+    assert run.events().count("trial") == 1
 
 
-def test_without_a_page_nothing_is_rendered(tmp_path: Path):
-    async def scenario() -> None:
-        async with session(tmp_path, plan(trials=2)) as run:
-            async with run.open() as client:
-                await to_the_trial(client)
-                await client.answer()  # the next trial begins at once, and nobody is there any more
-            await until(lambda: "aborted" in run.events() and run.rig.running is None)
-            async with run.open() as client:
-                await client.see("repeat")
-
-    play(scenario)
+@played
+async def test_without_a_page_nothing_is_rendered(tmp_path: Path):
+    async with session(tmp_path, plan(trials=2)) as run:
+        async with run.open() as client:
+            await to_the_trial(client)
+            await client.answer()  # the next trial begins at once, and nobody is there any more
+        await until(lambda: "aborted" in run.events() and run.rig.running is None)
+        async with run.open() as client:
+            await client.see("repeat")
 
 
-def test_a_second_page_cannot_answer(tmp_path: Path):
-    async def scenario() -> None:
-        async with session(tmp_path, plan()) as run, run.open() as client:
-            await client.see("instructions")
-            async with run.open() as other:
-                await until(lambda: other.closed)
-                assert other.socket.close_code == CloseCode.ANOTHER_PAGE
-                assert other.json == []
-            await client.go_on(*BEFORE)
-            await client.see("trial")
-
-    play(scenario)
+@played
+async def test_a_second_page_cannot_answer(tmp_path: Path):
+    async with session(tmp_path, plan()) as run, run.open() as client:
+        await client.see("instructions")
+        async with run.open() as other:
+            await until(lambda: other.closed)
+            assert other.socket.close_code == CloseCode.ANOTHER_PAGE
+            assert other.json == []
+        await client.go_on(*BEFORE)
+        await client.see("trial")
 
 
-def test_a_key_pressed_twice_answers_one_question(tmp_path: Path):
-    async def scenario() -> None:
-        async with session(tmp_path, plan()) as run, run.open() as client:
-            task = await client.see("instructions")
-            for _ in range(3):
-                await client.say("key", number=task["number"], key="enter")
-            await client.see("consent")
-            await client.say("key", number=task["number"], key="y")
-            await client.press("n")
-            await client.see("done")
-            assert run.events() == ["begin", "end"]
-
-    play(scenario)
+@played
+async def test_a_key_pressed_twice_answers_one_question(tmp_path: Path):
+    async with session(tmp_path, plan()) as run, run.open() as client:
+        task = await client.see("instructions")
+        for _ in range(3):
+            await client.say("key", number=task["number"], key="enter")
+        await client.see("consent")
+        await client.say("key", number=task["number"], key="y")
+        await client.press("n")
+        await client.see("done")
+        assert run.events() == ["begin", "end"]
 
 
 @pytest.mark.parametrize(("who", "reason"), [("participant", "the participant stopped"), ("experimenter", "the exp")])
-def test_whoever_stops_a_trial_ends_it_at_once(tmp_path: Path, who: str, reason: str):
-    async def scenario() -> None:
-        async with session(tmp_path, plan()) as run, run.open() as client:
-            await to_the_trial(client)
-            if who == "participant":
-                await client.press(screens.ESCAPE)
-            else:
-                run.page.hear_experimenter(screens.ESCAPE)
-            task = await client.see("repeat")
-            assert run.rig.stopped_us
-            assert "it was stopped" in str(task["text"])
-            assert run.rows[-1].event == "aborted"
-            assert (run.rows[-1].reason or "").startswith(reason)
-            assert f"This one comes again: {run.rows[-1].reason}" in run.said
-
-    play(scenario)
+@played
+async def test_whoever_stops_a_trial_ends_it_at_once(tmp_path: Path, who: str, reason: str):
+    async with session(tmp_path, plan()) as run, run.open() as client:
+        await to_the_trial(client)
+        if who == "participant":
+            await client.press(screens.ESCAPE)
+        else:
+            run.page.hear_experimenter(screens.ESCAPE)
+        task = await client.see("repeat")
+        assert run.rig.stopped_us
+        assert "it was stopped" in str(task["text"])
+        assert run.rows[-1].event == "aborted"
+        assert (run.rows[-1].reason or "").startswith(reason)
+        assert f"This one comes again: {run.rows[-1].reason}" in run.said
 
 
-def test_the_hand_can_be_taken_only_while_there_is_something_to_touch(tmp_path: Path):
-    async def scenario() -> None:
-        async with session(tmp_path, plan()) as run, run.open() as client:
+@played
+async def test_the_hand_can_be_taken_only_while_there_is_something_to_touch(tmp_path: Path):
+    async with session(tmp_path, plan()) as run, run.open() as client:
+        await client.see("instructions")
+        await client.say("take")
+        assert "nothing to touch" in (await client.hear("error"))["message"]
+        assert run.hand.state is HandState.FREE
+        await to_the_trial(client)
+        await client.push(0.05, lambda: run.hand.position_m > 0.01)
+        await client.answer()
+        await client.see("rating")
+        assert (run.hand.state, run.hand.position_m) == (HandState.FREE, 0.0)
+
+
+@played
+async def test_the_level_of_the_masking_noise_is_stored_at_once(tmp_path: Path):
+    async with session(tmp_path, plan()) as run:
+        async with run.open() as client:
             await client.see("instructions")
-            await client.say("take")
-            assert "nothing to touch" in (await client.hear("error"))["message"]
-            assert run.hand.state is HandState.FREE
-            await to_the_trial(client)
-            await client.push(0.05, lambda: run.hand.position_m > 0.01)
-            await client.answer()
-            await client.see("rating")
-            assert (run.hand.state, run.hand.position_m) == (HandState.FREE, 0.0)
-
-    play(scenario)
+            for level in (0.2, 0.2, 0.36):
+                await client.say("noise", level=level)
+            await until(lambda: run.events().count("noise") == 2)
+        await until(lambda: run.events().count("noise") == 3)  # a page that is closed is silent
+        assert [row.text for row in run.rows if row.event == "noise"] == ["level 0.20", "level 0.36", "level 0.00"]
+        table = next(tmp_path.rglob("*.tsv"))
+        await until(lambda: table.read_text().count("\nnoise\t") == 3)
 
 
-def test_the_level_of_the_masking_noise_is_stored_at_once(tmp_path: Path):
-    async def scenario() -> None:
-        async with session(tmp_path, plan()) as run:
-            async with run.open() as client:
-                await client.see("instructions")
-                for level in (0.2, 0.2, 0.36):
-                    await client.say("noise", level=level)
-                await until(lambda: run.events().count("noise") == 2)
-            await until(lambda: run.events().count("noise") == 3)  # a page that is closed is silent
-            assert [row.text for row in run.rows if row.event == "noise"] == ["level 0.20", "level 0.36", "level 0.00"]
-            table = next(tmp_path.rglob("*.tsv"))
-            await until(lambda: table.read_text().count("\nnoise\t") == 3)
-
-    play(scenario)
-
-
-def test_only_the_operator_view_is_served_and_only_with_its_token(tmp_path: Path):
-    async def scenario() -> None:
-        async with session(tmp_path, plan()) as run:
-            token = run.access.tokens["operator"]
-            for path, status in (
-                (f"/operator?token={token}", 200),
-                ("/operator?token=guess", 403),
-                (f"/watch?token={token}", 404),
-                (f"/socket/watch?token={token}", 404),
-            ):
-                async with run.http.get(run.address(path)) as answer:
-                    assert answer.status == status, path
-                    if status == 403:
-                        assert "<h2>This link does not open the page</h2>" in await answer.text()
-            with pytest.raises(aiohttp.WSServerHandshakeError):
-                await run.http.ws_connect(
-                    run.address(f"/socket/operator?token={token}"), headers={"Origin": "http://a"}
-                )
-
-    play(scenario)
+@played
+async def test_only_the_operator_view_is_served_and_only_with_its_token(tmp_path: Path):
+    async with session(tmp_path, plan()) as run:
+        token = run.access.tokens["operator"]
+        for path, status in (
+            (f"/operator?token={token}", 200),
+            ("/operator?token=guess", 403),
+            (f"/watch?token={token}", 404),
+            (f"/socket/watch?token={token}", 404),
+        ):
+            async with run.http.get(run.address(path)) as answer:
+                assert answer.status == status, path
+                if status == 403:
+                    assert "<h2>This link does not open the page</h2>" in await answer.text()
+        with pytest.raises(aiohttp.WSServerHandshakeError):
+            await run.http.ws_connect(run.address(f"/socket/operator?token={token}"), headers={"Origin": "http://a"})
 
 
-def test_the_experimenter_reads_what_is_shown_and_never_the_condition(tmp_path: Path):
-    async def scenario() -> None:
-        async with session(tmp_path, plan(name="a secret")) as run, run.open() as client:
-            await to_the_trial(client)
-            await client.answer()
-            await client.see("rating")
-            assert run.said[:3] == ["Instructions", "the participant's page is open", "Consent"]
-            assert "Feel the three tissues (0 of 1 trials)" in run.said
-            assert not any("secret" in line or "raw" in line for line in run.said)
-
-    play(scenario)
+@played
+async def test_the_experimenter_reads_what_is_shown_and_never_the_condition(tmp_path: Path):
+    async with session(tmp_path, plan(name="a secret")) as run, run.open() as client:
+        await to_the_trial(client)
+        await client.answer()
+        await client.see("rating")
+        assert run.said[:3] == ["Instructions", "the participant's page is open", "Consent"]
+        assert "Feel the three tissues (0 of 1 trials)" in run.said
+        assert not any("secret" in line or "raw" in line for line in run.said)

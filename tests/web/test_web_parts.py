@@ -23,7 +23,7 @@ from hapticnet.web.mirror import Mirror, scene_called
 from hapticnet.web.server import static_files
 from hapticnet.web.ticks import MOST_KEPT, Ticks
 from hapticnet.web.traffic import RecentMedian, TrafficMeter
-from tests.web.rig import read_samples
+from tests.web.rig import played, read_samples
 
 
 def thrust(to_m: float) -> list[float]:
@@ -175,59 +175,46 @@ class Socket:
     send_bytes = send_str
 
 
-def test_a_page_that_does_not_read_is_left_out_and_later_disconnected():
-    async def scenario() -> None:
-        transport = Transport()
-        client = Client("watch", Socket(), transport)  # type: ignore[arg-type]
-        client.post_replaceable(b"x")
-        await asyncio.sleep(0)
-        transport.waiting = LARGEST_BACKLOG + 1
-        client.post_replaceable(b"xx")
-        assert client.left_out == 1
-        for _ in range(LONGEST_QUEUE + 2):
-            client.post("needed")
-        assert transport.aborted
-        await client.finish()
-
-    asyncio.run(scenario())
+@played
+async def test_a_page_that_does_not_read_is_left_out_and_later_disconnected():
+    transport = Transport()
+    client = Client("watch", Socket(), transport)  # type: ignore[arg-type]
+    client.post_replaceable(b"x")
+    await asyncio.sleep(0)
+    transport.waiting = LARGEST_BACKLOG + 1
+    client.post_replaceable(b"xx")
+    assert client.left_out == 1
+    for _ in range(LONGEST_QUEUE + 2):
+        client.post("needed")
+    assert transport.aborted
+    await client.finish()
 
 
-def test_a_page_that_does_not_read_fills_no_memory():
-    async def scenario() -> None:
-        client = Client("watch", Socket(), Transport())  # type: ignore[arg-type]
-        for _ in range(1000):
-            client.post_replaceable(bytes(1000))
-        assert client.left_out > 700
-        await client.finish()
-
-    asyncio.run(scenario())
+@played
+async def test_a_page_that_does_not_read_fills_no_memory():
+    client = Client("watch", Socket(), Transport())  # type: ignore[arg-type]
+    for _ in range(1000):
+        client.post_replaceable(bytes(1000))
+    assert client.left_out > 700
+    await client.finish()
 
 
-def test_messages_are_counted_by_the_second():
-    async def scenario() -> None:
-        client = Client("watch", Socket(), Transport())  # type: ignore[arg-type]
-        admitted = sum(client.admits() for _ in range(3 * MOST_MESSAGES_PER_S))
-        assert MOST_MESSAGES_PER_S <= admitted <= 2 * MOST_MESSAGES_PER_S
-        await client.finish()
-
-    asyncio.run(scenario())
+@played
+async def test_messages_are_counted_by_the_second():
+    client = Client("watch", Socket(), Transport())  # type: ignore[arg-type]
+    admitted = sum(client.admits() for _ in range(3 * MOST_MESSAGES_PER_S))
+    assert MOST_MESSAGES_PER_S <= admitted <= 2 * MOST_MESSAGES_PER_S
+    await client.finish()
 
 
 @pytest.mark.parametrize(
     ("host", "expected"),
     [
-        ("127.0.0.1:47880", True),
-        ("127.0.0.1:9000", True),  # through a tunnel
-        ("localhost:47880", True),
-        ("[::1]:47880", True),
-        ("192.168.1.7:47880", True),
-        ("evil.example:47880", False),
-        ("127.0.0.1.evil.example:47880", False),
-        ("localhost.evil.example", False),
-        ("", False),
-        ("[::1", False),
+        ("127.0.0.1:47880", True), ("127.0.0.1:9000", True), ("localhost:47880", True), ("[::1]:47880", True),
+        ("192.168.1.7:47880", True), ("evil.example:47880", False), ("127.0.0.1.evil.example:47880", False),
+        ("localhost.evil.example", False), ("", False), ("[::1", False),
     ],
-)
+)  # fmt: skip
 def test_only_numbers_and_own_names_are_this_server(host: str, expected: bool):
     assert Access("127.0.0.1", 47880).is_ours(host) is expected
 
