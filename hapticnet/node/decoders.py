@@ -249,7 +249,9 @@ class AnnouncedDecoder:
 
 
 class LineDecoder:
-    """A second decoder of a session, which is where the slave takes the tool to be.
+    """A second decoder of a session, which is where the slave takes the tool to be: on the line that was promised.
+
+    The slave judges what its decoder applies there, and one that knows the position applies something else at the tool.
 
     `allowance`: that of the master's own decoder, which may therefore apply a model some positions earlier.
     """
@@ -292,53 +294,17 @@ MARGIN_N: Final = 0.5
 within a round trip. bench/measure/felt.py compares values."""
 
 LATELY_US: Final = 1_000_000  # how far back [µs] answered forces count, and positions are remembered
-
-
 WAY: Final = 50  # positions from which a velocity follows: ten time constants at 1 kHz
 
 
-class Answered:
-    """Positions and answered forces of the last second."""
-
-    def __init__(self) -> None:
-        self.bound_n = MARGIN_N  # largest magnitude [N] that may be applied now
-        self._times_us: list[int] = []
-        self._positions_m: list[Vector] = []
-        self._forces: deque[tuple[int, float]] = deque()  # each is larger than those after it
-
-    def move(self, t_us: int, position_m: Vector) -> None:
-        """Note where the tool is."""
-        if self._times_us and t_us <= self._times_us[-1]:
-            return
-        self._times_us.append(t_us)
-        self._positions_m.append(position_m)
-        if self._times_us[0] < t_us - 2 * LATELY_US:
-            old = bisect_right(self._times_us, t_us - LATELY_US)
-            del self._times_us[:old], self._positions_m[:old]
-
-    def position_m(self, t_us: int) -> Vector:
-        """Return where the tool was [m]."""
-        return self._positions_m[max(bisect_right(self._times_us, t_us) - 1, 0)]
-
-    def way(self, t_us: int) -> list[tuple[int, Vector]]:
-        """Return the last positions until a time, which tell the velocity there."""
-        end = bisect_right(self._times_us, t_us)
-        start = max(end - WAY, 0)
-        return list(zip(self._times_us[start:end], self._positions_m[start:end], strict=True))
-
-    def note(self, force_n: Vector, now_us: int) -> None:
-        """Note the force [N] at an answered position."""
-        size_n, forces = magnitude(force_n), self._forces
-        while forces and forces[-1][1] <= size_n:
-            forces.pop()
-        forces.append((now_us, size_n))
-        while forces[0][0] < now_us - LATELY_US:
-            forces.popleft()
-        self.bound_n = GROWTH * forces[0][1] + MARGIN_N
-
-
 class BoundedDecoder:
-    """A decoder within the bound. Satisfies `Decoder`.
+    """A decoder whose forces stay near those of positions that the slave has answered. Satisfies `Decoder`.
+
+    Over a network with a delay, a decoder that follows the receiver's own position draws a force for positions that the
+    slave has not answered yet, with a stiffness and viscosity that were learned a round trip ago. At a first touch or
+    in rigid contact these can be wrong by far: 25 N were applied on a spring that never pressed with more than 7.5 N.
+    The force of the same updates at positions that are a round trip old is known to be right: the slave would have
+    contradicted it. What is applied stays near the largest of these forces.
 
     A second decoder, which is told the same updates, is where the newest answered position was: at the time that the
     first is asked for (`Decoder.reconstruct`).
@@ -346,15 +312,19 @@ class BoundedDecoder:
 
     def __init__(self, codec: Codec, axes: int) -> None:
         self.inner, self._behind = codec.decoder(axes), codec.decoder(axes)
-        self._answered = Answered()
         self._answered_us: int | None = None
+        self._times_us: list[int] = []  # of positions of the last second
+        self._positions_m: list[Vector] = []
+        self._forces: deque[tuple[int, float]] = deque()  # answered ones; each is larger than those after it
+        self._bound_n = MARGIN_N  # largest magnitude that may be applied now
 
     def decode(self, t_us: int, payload: bytes) -> None:
         """Take in a payload. See `Decoder.decode`."""
         self.inner.decode(t_us, payload)
         if self._answered_us is None:
-            for at_us, position in self._answered.way(t_us):
-                self._behind.reconstruct(at_us, position, at_us)
+            end = bisect_right(self._times_us, t_us)
+            for index in range(max(end - WAY, 0), end):  # the velocity there
+                self._behind.reconstruct(self._times_us[index], self._positions_m[index], self._times_us[index])
             self._answered_us = t_us
         self._behind.decode(t_us, payload)
 
@@ -364,16 +334,36 @@ class BoundedDecoder:
         if position is None:
             return force_n
         now_us = t_us if position_us is None else position_us
-        answered = self._answered
-        answered.move(now_us, position)
+        self._move(now_us, position)
         if self._answered_us is not None and t_us >= self._answered_us:  # jitter may take the time back
             self._answered_us = t_us
-            answered.note(self._behind.reconstruct(t_us, answered.position_m(t_us), t_us), now_us)
+            answered_m = self._positions_m[max(bisect_right(self._times_us, t_us) - 1, 0)]
+            self._note(self._behind.reconstruct(t_us, answered_m, t_us), now_us)
         return self._limited(force_n)
 
+    def _move(self, t_us: int, position_m: Vector) -> None:
+        """Note where the tool is."""
+        if self._times_us and t_us <= self._times_us[-1]:
+            return
+        self._times_us.append(t_us)
+        self._positions_m.append(position_m)
+        if self._times_us[0] < t_us - 2 * LATELY_US:
+            old = bisect_right(self._times_us, t_us - LATELY_US)
+            del self._times_us[:old], self._positions_m[:old]
+
+    def _note(self, force_n: Vector, now_us: int) -> None:
+        """Note the force [N] at an answered position."""
+        size_n, forces = magnitude(force_n), self._forces
+        while forces and forces[-1][1] <= size_n:
+            forces.pop()
+        forces.append((now_us, size_n))
+        while forces[0][0] < now_us - LATELY_US:
+            forces.popleft()
+        self._bound_n = GROWTH * forces[0][1] + MARGIN_N
+
     def _limited(self, force_n: Vector) -> Vector:
-        size_n, bound_n = magnitude(force_n), self._answered.bound_n
-        return force_n if size_n <= bound_n else times(force_n, bound_n / size_n)
+        size_n = magnitude(force_n)
+        return force_n if size_n <= self._bound_n else times(force_n, self._bound_n / size_n)
 
 
 class BoundedPredictingDecoder(BoundedDecoder):

@@ -215,11 +215,20 @@ class Asking:
 
     def tick(self, now_us: int) -> bytes | None:
         """Return the HELLO to send now, if it is time for one."""
-        if not self.under_way or not self._is_time(now_us):
+        if not self.under_way:
+            return None
+        # A clock that went back does not tell how long it has been.
+        if self._tried_us is not None and 0 <= now_us - self._tried_us < self._interval_us:
             return None
         attempt = self._attempt
         if attempt is None or (self._cookie and now_us - self._cookie_us > FRESH_AFTER_US):
-            attempt = self._attempt = self._new_attempt(now_us)
+            request = self._request._replace(clock_us=now_us)
+            nonce, sequence = int(self._rng.integers(0, MODULUS)), self._settings.first_sequence
+            if self._key is None:
+                attempt = Attempt(request, nonce, sequence)
+            else:
+                attempt = SealedAttempt(request, nonce, sequence, self._key, self._rng)
+            self._attempt = attempt
             self._cookie = b""
             self._hinted = False
             if not self._tries:
@@ -240,7 +249,11 @@ class Asking:
         if datagram.kind is Kind.COOKIE:
             cookie = unpack_cookie(datagram.body)
             attempt = self._attempt_of(cookie.nonce)
-            return self._take_cookie(attempt, cookie.cookie, now_us) if attempt is not None else None
+            is_first, self._cookie = not self._cookie, self._cookie if attempt is None else cookie.cookie
+            if attempt is None or not is_first:  # only the first cookie of an attempt is answered at once
+                return None
+            self._cookie_us = self._tried_us = now_us
+            return attempt.hello(self._cookie)
         if datagram.kind is Kind.WELCOME:
             welcome = unpack_welcome(datagram.body)
             attempt = self._attempt_of(welcome.nonce)
@@ -286,26 +299,5 @@ class Asking:
         self._tried_us = now_us
         return wait_us
 
-    def _is_time(self, now_us: int) -> bool:
-        # A clock that went back does not tell how long it has been.
-        return self._tried_us is None or not 0 <= now_us - self._tried_us < self._interval_us
-
-    def _new_attempt(self, now_us: int) -> Attempt:
-        nonce = int(self._rng.integers(0, MODULUS))
-        sequence = self._settings.first_sequence
-        request = self._request._replace(clock_us=now_us)
-        if self._key is None:
-            return Attempt(request, nonce, sequence)
-        return SealedAttempt(request, nonce, sequence, self._key, self._rng)
-
     def _attempt_of(self, nonce: int) -> Attempt | None:
         return self._attempt if self._attempt is not None and self._attempt.nonce == nonce else None
-
-    def _take_cookie(self, attempt: Attempt, cookie: bytes, now_us: int) -> bytes | None:
-        """Take a cookie; only the first one of an attempt is answered at once."""
-        is_first = not self._cookie
-        self._cookie = cookie
-        if not is_first:
-            return None
-        self._cookie_us = self._tried_us = now_us
-        return attempt.hello(cookie)

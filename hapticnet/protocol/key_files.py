@@ -1,23 +1,6 @@
 """Key files and lists of masters, stored as TOML.
 
-The key of a host; nobody else may read the file:
-
-.. code-block:: toml
-
-    private = "eGmV+RLKUXu9FHcUqQIJC6KqVcyHfJ2WzKp6/vYIFXc="
-    psk = "…"                 # optional, on a master: known to its slave, too
-
-The masters that a slave admits:
-
-.. code-block:: toml
-
-    [[master]]
-    name = "operating theatre 2"
-    public = "nQ0nGxVj3V2P2gwS5iZ0n0h5BJ0p6bWDh1oGgL0mBzY="
-    psk = "…"                 # optional, like all that follows
-    scene = "paper:1"
-    fastest_rate_hz = 1000
-    most_sessions = 2
+docs/understand/security.md shows both; nobody else may read a file with a secret.
 """
 
 import os
@@ -123,7 +106,8 @@ def load_roster(path: Path) -> Roster:
     masters = []
     for number, master in enumerate(table.master, start=1):
         try:
-            masters.append(_entry(master))
+            keys = {"public": parse_key(master.public, "public"), "psk": _psk(master.psk)}
+            masters.append(MasterEntry(**{**master.model_dump(), **keys}))
         except SettingsError as error:
             raise SettingsError(f"{path}: master {number}: {error}") from None
     try:
@@ -139,7 +123,7 @@ def is_missing(path: Path) -> bool:
     except FileNotFoundError:
         return True
     except (OSError, ValueError):  # reading it gives the reason
-        return False
+        pass
     return False
 
 
@@ -180,17 +164,6 @@ def dump_master(entry: MasterEntry) -> str:
         if value is not None:
             table[key] = value
     return f"[[master]]\n{tomli_w.dumps(table)}"
-
-
-def _entry(table: _MasterTable) -> MasterEntry:
-    return MasterEntry(
-        name=table.name,
-        public=parse_key(table.public, "public"),
-        psk=_psk(table.psk),
-        scene=table.scene,
-        fastest_rate_hz=table.fastest_rate_hz,
-        most_sessions=table.most_sessions,
-    )
 
 
 def _psk(text: str | None) -> bytes:

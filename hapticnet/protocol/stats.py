@@ -252,10 +252,7 @@ class Traffic:
         self.over_rate += other.over_rate
 
     def open_window(self, first: int, *, authentic: bool) -> None:
-        """Start with the sequence numbers of a new session, whose first datagram was `first`.
-
-        `authentic`: whether a seal proves the numbers.
-        """
+        """Start with the numbers of a new session from `first`; `authentic`: whether a seal proves them."""
         self.lost_before = self.lost
         self.window = ArrivalWindow(first, authentic=authentic)
 
@@ -292,15 +289,8 @@ class Traffic:
             "by_kind": {kind.name.lower(): self.by_kind[kind] for kind in Kind if self.by_kind[kind]},
         }
         if self.window or self.malformed or self.stray:
-            account |= {
-                "lost": self.lost,
-                "late": self.late,
-                "duplicate": self.duplicate,
-                "malformed": self.malformed,
-                "stray": self.stray,
-                "too_old": self.too_old,
-                "over_rate": self.over_rate,
-            }
+            names = "lost", "late", "duplicate", "malformed", "stray", "too_old", "over_rate"
+            account |= {name: getattr(self, name) for name in names}
         return account
 
 
