@@ -74,14 +74,6 @@ def test_the_consent_states_the_forces_of_the_safety_page():
     assert float(stated[0].removesuffix(" N")) >= reached_n
 
 
-def test_the_protocol_reads_out_what_the_screens_say():
-    page = (ROOT / "docs/use/experiment.md").read_text()
-    quotes = re.findall(r"(?:^>.*\n)+", page, re.MULTILINE)
-    read_out = [" ".join(quote.replace("\n>", " ").removeprefix(">").split()) for quote in quotes]
-    instructions = english().instructions
-    assert read_out == [instructions["ascending"], instructions["order"]]
-
-
 def test_every_text_of_the_page_is_used_and_every_one_that_is_used_is_there():
     given = set(english().for_page())
     files = {name: body.decode() for name, (body, _) in static_files().items() if name.endswith((".js", ".html"))}
