@@ -1,12 +1,14 @@
-"""What encoders and decoders refuse leaves no trace: they go on as if the sample had not come."""
+"""What every codec refuses leaves no trace, and a question about the future changes nothing."""
 
 import math
 
 import pytest
 
+from hapticnet.codec.base import Predictive
 from hapticnet.codec.recording import encode_array
-from hapticnet.codec.registry import every_codec
-from hapticnet.errors import SampleError
+from hapticnet.codec.registry import every_codec, make_codec
+from hapticnet.errors import SampleError, SettingsError
+from hapticnet.perception import WeberLaw
 
 CODECS = every_codec()
 
@@ -64,3 +66,64 @@ def test_a_position_that_is_not_finite_or_has_other_axes_is_refused(made, axes):
 def test_a_recording_with_a_position_that_is_not_finite_is_refused(made):
     with pytest.raises(SampleError, match="sample 2: position is nan"):
         encode_array(made(), [0, 1000, 2000], [1.0, 1.0, 1.0], [0.0, 0.1, math.nan])
+
+
+@pytest.mark.parametrize(
+    ("name", "parameter", "values"),
+    [
+        ("raw", "step_n", (-0.001, math.nan, math.inf, 1e-13, 1.5)),
+        ("deadband", "step_n", (-0.001, math.nan, math.inf, 1e-13, 1.5)),
+        ("adaptive-predictive", "horizon_ms", (0.5, math.nan)),
+        ("adaptive-predictive", "window_ms", (2000.0, math.nan)),
+        ("adaptive-predictive", "jump_thresholds", (0.05, math.nan)),
+        ("adaptive-predictive", "step_n", (-1.0, math.nan)),
+        ("motion-predictive", "stiffest_n_per_m", (0.5, 1e6)),
+        ("motion-predictive", "horizon_ms", (0.0,)),
+        ("motion-predictive", "window_ms", (1e4,)),
+        ("linear-predictive", "slope_samples", (1.0, 2.5, math.nan)),
+        ("linear-predictive", "horizon_ms", (0.0, math.inf)),
+        ("linear-predictive", "step_n", (-1.0,)),
+        ("least-squares", "updates", (1.0, 3.5)),
+        ("least-squares", "horizon_ms", (0.5,)),
+        ("least-squares", "step_fraction", (0.0, math.nan)),
+        ("least-squares", "absolute_every", (128.0,)),
+        ("least-squares", "step_n", (2.0,)),
+    ],
+)
+def test_a_parameter_out_of_range_is_refused_by_name(name, parameter, values):
+    for value in values:
+        with pytest.raises(SettingsError, match=f"{parameter} is"):
+            CODECS[name](**{parameter: value})
+
+
+# `predict`: what `reconstruct` will return, and nothing changed by the question -----------------------------------
+
+
+@pytest.mark.parametrize("name", sorted(CODECS))
+@pytest.mark.parametrize("axes", [1, 3])
+def test_a_decoder_that_is_asked_for_the_future_goes_on_as_one_that_is_not(name: str, axes: int) -> None:
+    codec = make_codec(name, WeberLaw(), {})
+    encoder, asked, plain = codec.encoder(axes), codec.decoder(axes), codec.decoder(axes)
+    assert isinstance(asked, Predictive)
+    for tick in range(300):
+        t_us = 1_000 * tick
+        position = (0.01 * math.sin(0.03 * tick),) * axes
+        payload = encoder.encode(t_us, (2.0 + math.sin(0.02 * tick),) * axes, position)
+        if payload is not None:
+            asked.decode(t_us, payload)
+            plain.decode(t_us, payload)
+        assert asked.reconstruct(t_us, position) == plain.reconstruct(t_us, position)
+        asked.predict(t_us + 30_000, (1.0,) * axes, t_us + 30_000)
+
+
+@pytest.mark.parametrize("name", sorted(CODECS))
+def test_what_is_foretold_is_what_is_reconstructed_then(name: str) -> None:
+    codec = make_codec(name, WeberLaw(), {})
+    encoder, decoder = codec.encoder(1), codec.decoder(1)
+    for tick in range(100):
+        payload = encoder.encode(1_000 * tick, (0.02 * tick,), (1e-5 * tick,))
+        if payload is not None:
+            decoder.decode(1_000 * tick, payload)
+        decoder.reconstruct(1_000 * tick, (1e-5 * tick,))
+    ahead = decoder.predict(130_000, (1.3e-3,), 130_000)
+    assert ahead == decoder.reconstruct(130_000, (1.3e-3,))

@@ -11,7 +11,7 @@ from hapticnet.codec.recording import encode_array
 from hapticnet.codec.schemes.linear_predictive import LinearPredictive
 from hapticnet.codec.streams import table_of_rows
 from hapticnet.codec.values import SINGLE_BYTES
-from hapticnet.errors import PeerError, SettingsError
+from hapticnet.errors import PeerError
 from hapticnet.perception import WeberLaw
 from hapticnet_literature.least_squares import (
     LeastSquares,
@@ -239,20 +239,3 @@ def test_residual_payloads_save_bytes_beside_value_and_slope_at_the_same_error()
     full = encode_array(LinearPredictive(law=LAW), times_us, forces).payload_bytes
     assert short.mean() < 0.4 * full.mean()
     assert set(full.tolist()) == {24}
-
-
-@pytest.mark.parametrize(
-    ("parameter", "value"),
-    [
-        ("updates", 1.0),
-        ("updates", 3.5),
-        ("horizon_ms", 0.5),
-        ("step_fraction", 0.0),
-        ("step_fraction", math.nan),
-        ("absolute_every", 128.0),
-        ("step_n", 2.0),
-    ],
-)
-def test_parameters_out_of_range_are_refused_by_name(parameter, value):
-    with pytest.raises(SettingsError, match=parameter):
-        LeastSquares(**{parameter: value})
