@@ -13,8 +13,7 @@ if TYPE_CHECKING:
 SUBJECT_JND_N = (0.05, 0.04, 0.06, 0.05, 0.05, 0.06, 0.05, 0.04)
 """Force JND [N] of the eight subjects of "Cutaneous haptic deadband compression", ascending method of limits."""
 
-JND_REFERENCE_FORCES_N = (0.5, 1.0, 1.5)
-"""Reference forces [N] at which those JNDs were measured."""
+JND_REFERENCE_FORCES_N = (0.5, 1.0, 1.5)  # reference forces [N] at which those JNDs were measured
 
 PAPER_WEBER_FRACTION: Final = round(fmean(SUBJECT_JND_N) / fmean(JND_REFERENCE_FORCES_N), 9)
 """Mean JND of the eight subjects over their mean reference force: k = 0.05 N / 1 N."""

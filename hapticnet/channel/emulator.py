@@ -12,8 +12,7 @@ from hapticnet.channel.settings import BernoulliLoss, ChannelSettings
 
 T = TypeVar("T")
 
-HEADER_BYTES: Final = 20 + 8
-"""Bytes of each packet's IPv4 header without options (RFC 791) and UDP header (RFC 768)."""
+HEADER_BYTES: Final = 20 + 8  # bytes of each packet's IPv4 header without options (RFC 791) and UDP header (RFC 768)
 
 MAX_IN_FLIGHT: Final = 100_000
 """Limit of packets in an emulator, so that memory stays bounded if packets are never taken out."""

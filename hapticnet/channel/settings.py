@@ -15,8 +15,7 @@ from hapticnet.errors import SettingsError
 LONGEST_US: Final = 3_600_000_000
 """Longest time [µs] in a channel's settings: one hour, far beyond any link that carries touch."""
 
-FASTEST_BIT_PER_S: Final = 10**12
-"""Fastest bottleneck [bit/s]: 1 Tbit/s, where a packet takes less than a nanosecond."""
+FASTEST_BIT_PER_S: Final = 10**12  # fastest bottleneck [bit/s]: 1 Tbit/s, where a packet takes less than a nanosecond
 
 _TIME_UNITS: Final = {"us": 1, "µs": 1, "ms": 1_000, "s": 1_000_000}
 _RATE_UNITS: Final = {"bit/s": 1, "kbit/s": 10**3, "mbit/s": 10**6, "gbit/s": 10**9}
@@ -94,8 +93,7 @@ def _in_largest_unit(value: int, units: Mapping[str, int]) -> str:
     return f"{value // units[unit]}{unit}"
 
 
-BLOCK: Final = 1024
-"""Random numbers drawn at a time; drawing one at a time would dominate the cost of a packet."""
+BLOCK: Final = 1024  # random numbers drawn at a time; drawing one at a time would dominate the cost of a packet
 
 LONGEST_PATTERN: Final = 1_000_000
 
@@ -294,8 +292,7 @@ def parse_jitter(text: str) -> Jitter:
 DEFAULT_HOLD_BACK_US: Final = 10_000
 """Time [µs] a reordered packet is held back: ten packets of a 1 kHz stream overtake it."""
 
-DEFAULT_QUEUE_US: Final = 100_000
-"""Longest time [µs] a packet waits for the bottleneck."""
+DEFAULT_QUEUE_US: Final = 100_000  # longest time [µs] a packet waits for the bottleneck
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

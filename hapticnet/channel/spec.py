@@ -20,20 +20,14 @@ from hapticnet.channel.settings import (
 )
 from hapticnet.errors import SettingsError
 
-SPEED_OF_LIGHT_KM_PER_S: Final = 299_792.458
-"""Speed of light in vacuum, by definition of the metre (SI)."""
-
-FIBRE_GROUP_INDEX: Final = 1.468
-"""Group index of single-mode fibre at 1550 nm, typical of data sheets."""
+SPEED_OF_LIGHT_KM_PER_S: Final = 299_792.458  # speed of light in vacuum, by definition of the metre (SI)
+FIBRE_GROUP_INDEX: Final = 1.468  # group index of single-mode fibre at 1550 nm, typical of data sheets
 
 LONDON_NEW_YORK_KM: Final = 5_570.0
 """Great circle from 51.51° N 0.13° W to 40.71° N 74.01° W on a sphere of 6,371 km radius."""
 
-GEOSTATIONARY_ALTITUDE_KM: Final = 35_786.0
-"""Altitude above the equator of an orbit with a period of one sidereal day."""
-
-EARTH_RADIUS_KM: Final = 6_378.0
-"""Radius at the equator."""
+GEOSTATIONARY_ALTITUDE_KM: Final = 35_786.0  # altitude above the equator of an orbit with a period of one sidereal day
+EARTH_RADIUS_KM: Final = 6_378.0  # radius at the equator
 
 FIBRE_FLOOR_MS: Final = LONDON_NEW_YORK_KM * FIBRE_GROUP_INDEX / SPEED_OF_LIGHT_KM_PER_S * 1e3
 """27.3 ms: propagation time in a fibre along the great circle."""

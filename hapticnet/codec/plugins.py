@@ -16,8 +16,7 @@ from hapticnet.user_code import load_user_code, raised, short
 
 ENTRY_POINT_GROUP: Final = "hapticnet.codecs"
 
-LARGEST_PAYLOAD: Final = 1024
-"""Largest payload [B] that fits into a datagram on every network, with room for headers."""
+LARGEST_PAYLOAD: Final = 1024  # largest payload [B] that fits into a datagram on every network, with room for headers
 
 REHEARSED_N: Final = (0.0, 0.2, 0.5, 2.0, 2.01, 2.5, -1.0, -1.0, 0.0, 5.0, 0.001, 1.0)
 """Forces of the rehearsal [N]: rest, rises, a sign change, repeats."""

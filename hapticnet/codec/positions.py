@@ -84,8 +84,7 @@ LAYOUT: Final[Mapping[int, struct.Struct]] = {
     axes: struct.Struct(f">{2 + 2 * axes}f") for axes in range(1, MAX_AXES + 1)
 }
 
-STIFFEST: Final = 1e9
-"""Largest stiffness [N/m] and damping [N·s/m]. Anything above is as good as no bound."""
+STIFFEST: Final = 1e9  # largest stiffness [N/m] and damping [N·s/m]. Anything above is as good as no bound.
 
 
 def rounded_bound(bound: StiffnessBound | None) -> StiffnessBound | None:
@@ -149,11 +148,8 @@ def _rounded(x: float, toward: float) -> float:
     return float(single)
 
 
-WINDOW_US: Final = 12_000
-"""The velocity of a line is that of the newest samples, this long [µs]."""
-
-MOST_SAMPLES: Final = 32
-"""Samples of which the velocity is taken, at most."""
+WINDOW_US: Final = 12_000  # the velocity of a line is that of the newest samples, this long [µs]
+MOST_SAMPLES: Final = 32  # samples of which the velocity is taken, at most
 
 UNKNOWN_STIFFNESS: Final = 1000.0
 """Least stiffness [N/m] that is assumed between leaving a box and hearing of the next one."""

@@ -36,8 +36,7 @@ MIRRORED: Final = False
 """Placeholders: `run_steps` is compiled with the steps of a scheme, whether it uses the motion, whether it learns from
 every sample, and whether it has a `mirror`."""
 
-LARGEST_TIME_US: Final = 2**61
-"""Times [µs] up to which differences fit 64 bits."""
+LARGEST_TIME_US: Final = 2**61  # times [µs] up to which differences fit 64 bits
 
 
 def encode_array(codec: Codec, t_us: IntArray, stimuli: FloatArray, positions: FloatArray | None = None) -> Encoding:

@@ -16,11 +16,8 @@ from typing import Any, Final, NamedTuple, Protocol
 
 from hapticnet.samples import Vector
 
-Table = list[list[float]]
-"""Rows of numbers that a step may change."""
-
-MakeTable = Callable[[int, int], Any]
-"""``(rows, columns) -> table of zeros``."""
+Table = list[list[float]]  # Rows of numbers that a step may change
+MakeTable = Callable[[int, int], Any]  # ``(rows, columns) -> table of zeros``
 
 
 class Past(NamedTuple):
@@ -61,8 +58,7 @@ def learn_nothing(rule: Any, sender: Any, t_us: int, x: Vector) -> Any:
     return sender
 
 
-EMPTY_INTERVAL = (math.inf, -math.inf)
-"""An interval that contains no number."""
+EMPTY_INTERVAL = (math.inf, -math.inf)  # an interval that contains no number
 
 
 def no_interval(rule: Any, sender: Any) -> tuple[float, float]:

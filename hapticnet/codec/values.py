@@ -29,11 +29,8 @@ DOUBLE: Final[Mapping[int, struct.Struct]] = {axes: struct.Struct(f">{axes}d") f
 
 COUNT_BYTES: Final = 2
 SINGLE_BYTES: Final = 4
-DOUBLE_BYTES: Final = 8
-"""Bytes per axis; a message names its form by them."""
-
-LARGEST_COUNT: Final = 32_767
-"""Counts are symmetric: -32 768, the one int16 beyond, is never sent and is refused."""
+DOUBLE_BYTES: Final = 8  # bytes per axis; a message names its form by them
+LARGEST_COUNT: Final = 32_767  # counts are symmetric: -32 768, the one int16 beyond, is never sent and is refused
 
 LARGEST_STEP_N: Final = 1.0
 SMALLEST_STEP_N: Final = 1e-12

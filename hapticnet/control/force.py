@@ -29,11 +29,8 @@ unchanged reading counts as a fault. Above the sensor's hysteresis (10 %, data s
 PLAY_M: Final = 0.15e-3
 """Apparent motion [m] of the platform while the gears take up their play: 0.5° on a 12 mm arm is 0.1 mm."""
 
-STEP_M: Final = 0.06e-3
-"""Smallest step of the platform [m]: one third of a servo's deadband."""
-
-SOFT_M_N: Final = 0.35e-3
-"""Smallest compliance [m/N] assumed for a finger."""
+STEP_M: Final = 0.06e-3  # smallest step of the platform [m]: one third of a servo's deadband
+SOFT_M_N: Final = 0.35e-3  # smallest compliance [m/N] assumed for a finger
 
 JUMP_N: Final = 0.3
 MOST_REVERSALS: Final = 3.0
@@ -48,8 +45,7 @@ FALL_FRACTION: Final = 0.3
 """Fall of the force, absolute [N] and relative, within a control period in which the platform does not retreat: either
 the finger was withdrawn or the sensor lost contact in part. The two cannot be distinguished."""
 
-RECENT: Final = 10
-"""Number of control periods over which the platform must not have retreated."""
+RECENT: Final = 10  # number of control periods over which the platform must not have retreated
 
 
 class SensorWatch:
@@ -132,8 +128,7 @@ class SensorWatch:
         return abs(compression) * known_m_n + PLAY_M
 
 
-RESTING_N: Final = 1e-3
-"""Largest change [N] of a resting target in a control period: 0.1 N/s."""
+RESTING_N: Final = 1e-3  # largest change [N] of a resting target in a control period: 0.1 N/s
 
 
 class ForceController:

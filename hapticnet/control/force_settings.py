@@ -8,8 +8,7 @@ from hapticnet.control.finger import FingerSettings
 from hapticnet.hardware import CONTACT_M, MAX_FORCE_N, SENSOR_THRESHOLD_N, SOFTEST_N_M, STIFFEST_N_M
 from hapticnet.perception import PAPER_FLOOR_N
 
-BEYOND_M: Final = 0.0011
-"""Distance [m] past its contact at which the sensor detects a 0.3 N/mm finger."""
+BEYOND_M: Final = 0.0011  # distance [m] past its contact at which the sensor detects a 0.3 N/mm finger
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

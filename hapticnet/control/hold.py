@@ -231,8 +231,7 @@ class Hold:
         self._applied_n = min(wanted_n, highest_n)
 
 
-SMALLEST_SQUARE_M2: Final = 1e-18
-"""Squared movement [m²] between two ticks below which nothing is done: a nanometre."""
+SMALLEST_SQUARE_M2: Final = 1e-18  # squared movement [m²] between two ticks below which nothing is done: a nanometre
 
 
 class PassivityController:

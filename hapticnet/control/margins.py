@@ -17,8 +17,7 @@ from hapticnet.control.force_settings import ForceControlSettings
 from hapticnet.hardware import SERVO_FRAME_US, SERVO_LAG_S
 
 FREQUENCIES: int = 4000
-HELD_S = 2.0
-"""Time [s] for which the target is held before the margins are computed."""
+HELD_S = 2.0  # time [s] for which the target is held before the margins are computed
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -16,11 +16,8 @@ from hapticnet.checks import check_integer
 from hapticnet.errors import PeerError
 from hapticnet.samples import MAX_AXES, PositionSample, Vector
 
-MOST_BYTES: Final = 512
-"""Largest datagram that is read; three positions take 50 to 100 bytes."""
-
-FARTHEST_M: Final = 10.0
-"""Largest plausible coordinate [m]; larger ones are probably millimetres."""
+MOST_BYTES: Final = 512  # largest datagram that is read; three positions take 50 to 100 bytes
+FARTHEST_M: Final = 10.0  # largest plausible coordinate [m]; larger ones are probably millimetres
 
 POSITION: Final = "position_m"
 
@@ -90,20 +87,11 @@ def _example(axes: int) -> str:
     return str([0.01, 0.0, 0.0][:axes])
 
 
-HOLD_AFTER_US: Final = 300_000
-"""Silence [µs] after which the tool does not jump to the next position but moves there."""
-
-WITHDRAW_AFTER_US: Final = 1_000_000
-"""Silence [µs] after which the tool is withdrawn and another sender may move it."""
-
-APPROACH_M_S: Final = 0.06
-"""Speed [m/s] with which the tool withdraws, and moves to the first position after a silence."""
-
-LONGEST_STEP_US: Final = 20_000
-"""Longest time [µs] by which one sample advances such a motion."""
-
-SILENCE_LINES_EVERY_US: Final = 10_000_000
-"""Shortest time [µs] between two messages about silence."""
+HOLD_AFTER_US: Final = 300_000  # silence [µs] after which the tool does not jump to the next position but moves there
+WITHDRAW_AFTER_US: Final = 1_000_000  # silence [µs] after which the tool is withdrawn and another sender may move it
+APPROACH_M_S: Final = 0.06  # speed [m/s] with which the tool withdraws, and moves to the first position after a silence
+LONGEST_STEP_US: Final = 20_000  # longest time [µs] by which one sample advances such a motion
+SILENCE_LINES_EVERY_US: Final = 10_000_000  # shortest time [µs] between two messages about silence
 
 
 class RemoteOperator:

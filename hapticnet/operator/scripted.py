@@ -151,8 +151,7 @@ def tremor_waves(rng: np.random.Generator) -> tuple[tuple[float, float], ...]:
 
 
 PHANTOM_SURFACE_M = (0.020, 0.0, 0.0)
-PHANTOM_INWARD = (0.95, 0.25, -0.15)
-"""The surface of the scene ``phantom``, which the default motion is made for."""
+PHANTOM_INWARD = (0.95, 0.25, -0.15)  # the surface of the scene ``phantom``, which the default motion is made for
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

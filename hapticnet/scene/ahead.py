@@ -13,8 +13,7 @@ from hapticnet.samples import Vector
 from hapticnet.scene.settings import LARGEST_EXPONENT, LARGEST_SPEED_M_PER_S
 from hapticnet.vectors import dot, minus, plus, times
 
-MOST_LAYERS: Final = 8
-"""Most layers of an announcement."""
+MOST_LAYERS: Final = 8  # most layers of an announcement
 
 REACH_M: Final = 0.05
 """How far from the tool layers are announced [m]: as far as a hand comes in a round trip of 250 ms at 200 mm/s."""
@@ -35,8 +34,7 @@ LARGEST_VALUE: Final = 1e6
 LARGEST_VISCOSITY: Final = 100.0
 SMALLEST_VALUE: Final = 1e-9
 
-ROUNDING: Final = 1e-6
-"""Share by which rounding to float32 may exceed a limit."""
+ROUNDING: Final = 1e-6  # share by which rounding to float32 may exceed a limit
 
 
 class LayerAhead(NamedTuple):

@@ -57,8 +57,7 @@ def breaches_of(scene: Touchable) -> int:
     return int(getattr(scene, "breaches", 0))
 
 
-LONGEST_NAME: Final = 64
-"""Most bytes of a scene's name, which travels to the master."""
+LONGEST_NAME: Final = 64  # most bytes of a scene's name, which travels to the master
 
 
 class HasStep(Protocol):

@@ -27,8 +27,7 @@ from hapticnet.scene.ahead import REACH_M, LayerAhead
 from hapticnet.scene.settings import LARGEST_SPEED_M_PER_S, AnyBody, BodySceneSettings, Contact, Plane, Sphere
 from hapticnet.vectors import along, distance, dot, magnitude, minus, moved, over, plus, times
 
-NEAR_M: Final = 1e-12
-"""Distance [m] below which a direction is not computed from a difference of two points."""
+NEAR_M: Final = 1e-12  # distance [m] below which a direction is not computed from a difference of two points
 
 
 class FlatSurface:

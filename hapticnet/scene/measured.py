@@ -20,20 +20,14 @@ from hapticnet.scene.base import Touchable, breaches_of
 CONTACT_N: Final = 0.02
 """Force above which there is contact [N]: above the noise of a force sensor, below the smallest JND of the paper."""
 
-FORGET_M: Final = 1e-3
-"""Travel [m] after which a force counts 1/e for the stiffness. A hand at rest forgets nothing."""
-
-LARGEST_DEVIATION: Final = 0.1
-"""Largest standard deviation of a stiffness that is announced, as a share of it."""
-
-NOISE_N: Final = 0.002
-"""Smallest deviation of a force from the line that is reckoned with [N]."""
+FORGET_M: Final = 1e-3  # travel [m] after which a force counts 1/e for the stiffness. A hand at rest forgets nothing.
+LARGEST_DEVIATION: Final = 0.1  # largest standard deviation of a stiffness that is announced, as a share of it
+NOISE_N: Final = 0.002  # smallest deviation of a force from the line that is reckoned with [N]
 
 TOLERANCE_N: Final = 0.01
 """Error [N] of what was announced at which it is replaced by what is known now: below half a JND of the paper."""
 
-SAME_SURFACE_M: Final = 2e-3
-"""Surfaces that are no further apart [m] are one."""
+SAME_SURFACE_M: Final = 2e-3  # surfaces that are no further apart [m] are one
 
 MOST_SURFACES: Final = 64
 

@@ -24,11 +24,8 @@ LARGEST_SPEED_M_PER_S: Final = 10.0
 An assumption: several times the speed of a hand that inserts a needle.
 """
 
-LARGEST_EXPONENT: Final = 700.0
-"""`math.expm1` overflows above 709; at this exponent the force exceeds any breach force."""
-
-LONGEST_NAME: Final = 64
-"""Largest size [bytes of UTF-8] of a name, limited by the protocol's WELCOME message."""
+LARGEST_EXPONENT: Final = 700.0  # `math.expm1` overflows above 709; at this exponent the force exceeds any breach force
+LONGEST_NAME: Final = 64  # largest size [bytes of UTF-8] of a name, limited by the protocol's WELCOME message
 
 
 class Contact(enum.IntEnum):
@@ -134,8 +131,7 @@ LARGEST_PLACE_M: Final = 10.0
 
 SMALLEST_RADIUS_M: Final = 1e-4
 
-LARGEST_FRICTION: Final = 10.0
-"""Largest coefficient of friction; rubber on a rough surface reaches 2."""
+LARGEST_FRICTION: Final = 10.0  # largest coefficient of friction; rubber on a rough surface reaches 2
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

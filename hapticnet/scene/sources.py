@@ -145,8 +145,7 @@ def _scene_table() -> Any:
     return create_model("Scene", __config__=STRICT, name=(str, ...), **tables)
 
 
-MOST_FAULTS: Final = 10
-"""Most exceptions of ``close()`` that are remembered until the end of the run."""
+MOST_FAULTS: Final = 10  # most exceptions of ``close()`` that are remembered until the end of the run
 
 
 def make_scene(settings: "AnySceneSettings") -> Scene | BodyScene:

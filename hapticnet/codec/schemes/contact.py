@@ -7,11 +7,8 @@ from hapticnet.codec.steps import Table
 from hapticnet.samples import Vector
 from hapticnet.vectors import dot, magnitude, minus, over, row
 
-LOCAL_US: Final = 15_000
-"""Length of the window in which the local stiffness is estimated [µs]."""
-
-LEAST_PERIODS: Final = 3
-"""Shortest window in sampling periods."""
+LOCAL_US: Final = 15_000  # length of the window in which the local stiffness is estimated [µs]
+LEAST_PERIODS: Final = 3  # shortest window in sampling periods
 
 PRIOR_SQUARE_M2: Final = 1e-9
 """Weight of the learned stiffness in the local one, as a sum of squared movements [m²]: 15 samples of 8 µm. A tool that
@@ -21,15 +18,13 @@ APART_US: Final = 30_000
 """Distance of the samples whose differences the learned stiffness is regressed on [µs]: long enough that the hand has
 moved further than the noise of its positions."""
 
-MEMORY_US: Final = 3e6
-"""Time constant of the forgetting of such differences [µs]: a few movements of a hand."""
+MEMORY_US: Final = 3e6  # time constant of the forgetting of such differences [µs]: a few movements of a hand
 
 RIDGE_STIFFNESS: Final = 3e-10
 RIDGE_VISCOSITY: Final = 1.3e-9
 """Weight of zero in the regression, in squared thresholds per squared N/m and N·s/m. They only matter at rest."""
 
-LARGEST_CHANGE: Final = 1e6
-"""Differences whose squared force, in thresholds, is larger are ignored: they are impacts."""
+LARGEST_CHANGE: Final = 1e6  # differences whose squared force, in thresholds, is larger are ignored: they are impacts
 
 LARGEST_MOTION: Final = 1e18
 """The same for squared movements [m per threshold of a newton]; keeps the equations well conditioned."""

@@ -14,8 +14,7 @@ from hapticnet.perception import WeberLaw
 from hapticnet.samples import Vector
 from hapticnet.vectors import distance
 
-EMPTY: Final = -1.0
-"""Threshold of a dead zone that contains no stimulus, so that the next one is sent."""
+EMPTY: Final = -1.0  # threshold of a dead zone that contains no stimulus, so that the next one is sent
 
 MARGIN: Final = 2.0**-50
 """How much narrower `silent_interval` is than its dead zone, as a share of both: more than rounding can amount to."""

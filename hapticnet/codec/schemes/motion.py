@@ -79,19 +79,13 @@ CURVE: Final = 1
 SURFACE: Final = 2
 COUPLED: Final = 3
 
-WIDE: Final = 8
-"""Added to the first byte if the value is float64."""
+WIDE: Final = 8  # added to the first byte if the value is float64
 
 COUPLING: Final[Mapping[int, struct.Struct]] = {axes: struct.Struct(f">{axes}fee") for axes in range(1, MAX_AXES + 1)}
 
-LARGEST_STIFFNESS: Final = 60_000.0
-"""Largest stiffness [N/m] that can be negotiated; float16 ends at 65 504."""
-
-LARGEST_VISCOSITY: Final = 1000.0
-"""Largest viscosity [N·s/m]: a hand at 1 mm/s would feel 1 N."""
-
-ROUNDING: Final = 1.002
-"""How far rounding to float16 may take a stiffness above its bound."""
+LARGEST_STIFFNESS: Final = 60_000.0  # largest stiffness [N/m] that can be negotiated; float16 ends at 65 504
+LARGEST_VISCOSITY: Final = 1000.0  # largest viscosity [N·s/m]: a hand at 1 mm/s would feel 1 N
+ROUNDING: Final = 1.002  # how far rounding to float16 may take a stiffness above its bound
 
 
 class MotionNumbers(CurveNumbers, Protocol):

@@ -53,30 +53,20 @@ from hapticnet.samples import Vector
 VELOCITY_LAG_S: Final = 0.005
 """Time constant of the velocity's low-pass [s]: five samples at 1 kHz, in which a hand hardly changes its speed."""
 
-TESTED_EVERY: Final = 2
-"""Predictors are tested at every second sample, which is enough to compare them, and costs half."""
-
-FORGETTING: Final = 0.98
-"""Factor on the packets counted so far at each packet sent: about twenty are remembered."""
+TESTED_EVERY: Final = 2  # predictors are tested at every second sample, which is enough to compare them, and costs half
+FORGETTING: Final = 0.98  # factor on the packets counted so far at each packet sent: about twenty are remembered
 
 
 class Predictors(NamedTuple):
-    """The predictors, and what they have learned.
+    """The predictors, and what they have learned."""
 
-    Attributes
-    ----------
-    hold, surface
-        The lines that these two have drawn last.
-    packets
-        Packets that surface, coupling, curve and hold have needed of late.
-    """
-
+    # The lines that these two have drawn last
     hold: Line
     surface: Line
     curve: Predictor
     coupled: Predictor
     coupling: Coupling
-    packets: tuple[float, float, float, float]
+    packets: tuple[float, float, float, float]  # Packets that surface, coupling, curve and hold have needed of late
 
 
 Sender: TypeAlias = tuple[bool, Motion, Line, int, Predictors]
@@ -90,8 +80,7 @@ newest
     Index of the newest sample in the rule's tables.
 """
 
-Receiver: TypeAlias = tuple[Motion, Line]
-"""``(motion, line)``: the receiver's own motion, and what it follows."""
+Receiver: TypeAlias = tuple[Motion, Line]  # ``(motion, line)``: the receiver's own motion, and what it follows
 
 
 def start(rule: Any, axes: int) -> Sender:

@@ -36,8 +36,7 @@ from hapticnet.rounding import as_half
 from hapticnet.samples import LARGEST_COMPONENT, Vector
 from hapticnet.vectors import along, dot, in_range, limited, minus, moved, put, row, single, times
 
-KEPT: Final = 256
-"""Samples for which there is room. When it is full, the newest `MOST_SAMPLES` move to the front."""
+KEPT: Final = 256  # samples for which there is room. When it is full, the newest `MOST_SAMPLES` move to the front.
 
 
 class Numbers(NamedTuple):
@@ -54,45 +53,29 @@ class MotionRule(NamedTuple):
     """The numbers of the rule, and the newest samples.
 
     Functions that need no samples are given the numbers alone: compiled, that saves counting references to tables.
-
-    Attributes
-    ----------
-    times_us, samples, positions, velocities
-        The newest samples: a row of times [µs], and a row each of stimuli [N], positions [m] and velocities [m/s].
-    residual_times_us, residuals
-        Room for the part of the newest stimuli that stiffness and viscosity do not explain.
     """
 
     numbers: Numbers
+    # The newest samples: a row of times [µs], and a row each of stimuli [N], positions [m] and velocities [m/s]
     times_us: Any
     samples: Any
     positions: Any
     velocities: Any
+    # Room for the part of the newest stimuli that stiffness and viscosity do not explain
     residual_times_us: Any
     residuals: Any
 
 
 class Predictor(NamedTuple):
-    """A predictor that draws curves: its line, for what it was drawn, and what it has learned.
+    """A predictor that draws curves: its line, for what it was drawn, and what it has learned."""
 
-    Attributes
-    ----------
-    line
-        The line drawn last.
-    sent, position, velocity
-        Stimulus [N], position [m] and velocity [m/s] for which it was drawn.
-    trend
-        The trend at that time, of what the line's stiffness and viscosity do not explain.
-    regression
-        How much of trends to use.
-    """
-
-    line: Line
+    line: Line  # The line drawn last
+    # Stimulus [N], position [m] and velocity [m/s] for which it was drawn
     sent: Vector
     position: Vector
     velocity: Vector
-    trend: Trend
-    regression: Regression
+    trend: Trend  # The trend at that time, of what the line's stiffness and viscosity do not explain
+    regression: Regression  # How much of trends to use
 
 
 def follows(numbers: Numbers, line: Line, motion: Motion, t_us: int, x: Vector) -> bool:

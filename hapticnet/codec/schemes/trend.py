@@ -25,33 +25,20 @@ class Regression(NamedTuple):
     Each curve that ends is an observation: how far the stimulus moved meanwhile. It is regressed on how far the short
     slope, the long slope and the level would each have moved it, in thresholds. The larger these predictions, the less
     weight the observation has.
-
-    Attributes
-    ----------
-    normal
-        Upper triangle of the normal equations, row by row.
-    right
-        Their right-hand side.
-    coefficients
-        Their solution: of the short slope, the long slope and the level.
     """
 
-    normal: tuple[float, float, float, float, float, float]
-    right: Triple
-    coefficients: Triple
+    normal: tuple[float, float, float, float, float, float]  # Upper triangle of the normal equations, row by row
+    right: Triple  # Their right-hand side
+    coefficients: Triple  # Their solution: of the short slope, the long slope and the level
 
 
-SHORT: Final = 0.3
-"""Length of the short window as a share of the long one."""
+SHORT: Final = 0.3  # length of the short window as a share of the long one
 
 LEAST_SAMPLES: Final = 2
 """Samples that a slope needs besides the newest. With fewer, an impact would look like a slope."""
 
-LEAST_PERIODS: Final = 3.0
-"""Shortest window in sampling periods, so that slow sampling also has `LEAST_SAMPLES` in it."""
-
-MOST_SAMPLES: Final = 64
-"""Most samples that a slope is fitted to; bounds the cost of an update."""
+LEAST_PERIODS: Final = 3.0  # shortest window in sampling periods, so that slow sampling also has `LEAST_SAMPLES` in it
+MOST_SAMPLES: Final = 64  # most samples that a slope is fitted to; bounds the cost of an update
 
 FORGETTING: Final = 0.99
 """Factor on the weight of all earlier observations at each new one: about a hundred curves are remembered."""
