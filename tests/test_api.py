@@ -118,6 +118,7 @@ def test_what_cannot_be_right_is_refused_with_the_value_seen(arguments, message)
         ([[1, 2], [3]], "inhomogeneous"),
         ([10**400, 1], "not made of numbers"),
         (np.ma.array([1.0, 2.0], mask=[False, True]), "force has masked values"),
+        (types.SimpleNamespace(columns=("t_us", "fx")), "force has a column 't_us'; select the columns of force"),
     ],
 )
 def test_forces_that_cannot_be_forces_are_refused(force, message):
@@ -205,17 +206,6 @@ def test_rows_become_a_data_frame_where_pandas_is_installed(monkeypatch):
     monkeypatch.setitem(sys.modules, "pandas", None)
     with pytest.raises(hn.UnavailableError, match=r"to_dataframe\(\) needs pandas: pip install pandas"):
         rows.to_dataframe()
-
-
-def test_a_table_that_still_has_its_column_of_times_is_refused():
-    class Table:
-        columns = ("t_us", "fx")
-
-        def __array__(self, dtype=None, copy=None):
-            return np.column_stack([T_S, FORCE])
-
-    with pytest.raises(hn.SampleError, match="force has a column 't_us'; select the columns of force"):
-        hn.encode(Table())
 
 
 def test_measures_take_what_encode_gives():

@@ -10,8 +10,8 @@ import numpy as np
 import numpy.typing as npt
 
 from hapticnet.arrays import FloatArray, IntArray
-from hapticnet.errors import FileError, UnavailableError
-from hapticnet.recordings.columns import check_columns, printable
+from hapticnet.errors import FileError, UnavailableError, visible
+from hapticnet.recordings.columns import check_columns
 
 Arrays = Mapping[str, npt.NDArray[Any]]
 
@@ -33,7 +33,7 @@ class ArraySource:
     ) -> None:
         self.path = path
         check_columns(path, len(names))
-        self.names = tuple(map(printable, names))
+        self.names = tuple(visible(name.strip()) for name in names)
         self.notes: tuple[str, ...] = ()
         self._names = tuple(names)
         self._read = read

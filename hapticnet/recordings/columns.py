@@ -135,11 +135,6 @@ def listed(names: Sequence[str]) -> str:
     return f"there are {shown}{more} (or numbers 0 to {len(names) - 1})"
 
 
-def printable(text: str) -> str:
-    """Return text from a file for a name or a message, without control characters, which could act on a terminal."""
-    return "".join(character if character.isprintable() else "?" for character in text.strip())
-
-
 def check_columns(path: Path, count: int) -> None:
     """Raise FileError if a table has more columns than are read."""
     if count > MOST_COLUMNS:

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hapticnet.arrays import FloatArray, IntArray
-from hapticnet.errors import FileError
+from hapticnet.errors import FileError, visible
 from hapticnet.files import MAX_BYTES, check_readable, replacing
 from hapticnet.recordings.columns import (
     FORCE_UNITS,
@@ -25,7 +25,6 @@ from hapticnet.recordings.columns import (
     check_columns,
     find_column,
     is_stamp,
-    printable,
     split_unit,
     stamp_us,
 )
@@ -183,7 +182,7 @@ class TextSource:
                 if point and comma:
                     raise FileError(
                         f"{self._cell(row, index)}: numbers with a decimal point and with a decimal comma in one file:"
-                        f' "{printable(point)}" and "{printable(comma)}"'
+                        f' "{visible(point.strip())}" and "{visible(comma.strip())}"'
                     )
                 numbers.append(number)
             values.append(numbers)
@@ -244,7 +243,7 @@ class TextSource:
             yield line
 
     def _fault(self, row: int, index: int, cell: str, expected: str) -> FileError:
-        return FileError(f'{self._cell(row, index)}: "{printable(cell[:60])}" is not {expected}')
+        return FileError(f'{self._cell(row, index)}: "{visible(cell[:60].strip())}" is not {expected}')
 
     def _cell(self, row: int, index: int) -> str:
         return f'{self.path}, {self.place(row)}, column "{self.names[index][:60]}"'
@@ -305,7 +304,7 @@ def _find_layout(path: Path, sample: Sequence[tuple[int, str]], comment: str) ->
         if names is None:
             return layout
         return layout._replace(names=names, notes=(*notes, "column names are taken from the comment above the data"))
-    names = tuple(printable(cell).strip('"') for cell in _split_cells(lines[0], separator, header=True))
+    names = tuple(visible(cell.strip()).strip('"') for cell in _split_cells(lines[0], separator, header=True))
     layout = Layout(separator, decimal_comma, names, 1, notes)
     units = [cell.strip().strip("[]()") for cell in cells[1]] if len(cells) > 1 else []
     if len(units) == len(names) and any(unit in _UNITS for unit in units) and not any(map(_is_number, cells[1])):
@@ -387,7 +386,7 @@ def _comment_names(comment: str, separator: str | None, width: int) -> tuple[str
     text = comment.strip().lstrip("#%").strip()
     if not text or not _splits(text, separator):
         return None
-    names = tuple(printable(cell).strip('"') for cell in _split_cells(text, separator, header=True))
+    names = tuple(visible(cell.strip()).strip('"') for cell in _split_cells(text, separator, header=True))
     if len(names) != width or not all(names) or any(map(_is_number, names)):
         return None
     # One word is rather a remark, unless it carries a unit.

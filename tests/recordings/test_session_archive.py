@@ -110,17 +110,6 @@ def test_a_full_disk_ends_the_recording_in_one_line_and_keeps_what_is_written(tm
     assert len(read_session(path).main["t_us"]) == 100
 
 
-@pytest.mark.parametrize("suffix", LIVE)
-def test_a_folder_that_is_missing_is_told_in_one_line(tmp_path, said, suffix):
-    archive = make_archive(said)
-    begin(archive, tmp_path / "gone" / f"a{suffix}")
-    give_rows(archive, tick_rows(10))
-    archive.finish()
-    (line,) = said
-    assert line.startswith(f"True: {tmp_path}/gone/a")
-    assert line.endswith("No such file or directory")
-
-
 def test_a_file_that_is_deleted_is_told_in_one_line(tmp_path, said):
     archive = make_archive(said)
     begin(archive, tmp_path / "a.mcap")
@@ -133,12 +122,14 @@ def test_a_file_that_is_deleted_is_told_in_one_line(tmp_path, said):
 
 
 @pytest.mark.parametrize("suffix", LIVE)
-def test_a_fault_of_one_recording_completes_the_others(tmp_path, said, suffix):
+def test_a_folder_that_is_missing_is_told_in_one_line_and_completes_the_other_recordings(tmp_path, said, suffix):
     archive = make_archive(said)
     begin(archive, tmp_path / f"a{suffix}", recording=1)
     give_rows(archive, tick_rows(10), recording=1)
     begin(archive, tmp_path / "gone" / f"b{suffix}", recording=2)
-    assert len(said) == 1
+    (line,) = said
+    assert line.startswith(f"True: {tmp_path}/gone/b")
+    assert line.endswith("No such file or directory")
     assert len(read_session(tmp_path / f"a{suffix}").main["t_us"]) == 10
 
 
@@ -190,20 +181,18 @@ def test_parts_of_an_unfinished_csv_recording_stay_together(tmp_path, said):
     archive.finish()
 
 
-def test_only_known_formats_are_recorded():
-    with pytest.raises(SettingsError, match=r"run\.txt: a recording is a \.mcap or \.csv file"):
-        check_format(Path("run.txt"))
-    with pytest.raises(SettingsError, match=r"run\.npz: .* 'hapticnet export FILE --format npz' converts it"):
-        check_format(Path("run.npz"))
-
-
-def test_without_the_extra_one_line_says_what_to_install(monkeypatch):
+def test_only_known_formats_are_recorded_and_a_line_says_what_to_install(monkeypatch):
     monkeypatch.setattr("hapticnet.recordings.session.archive.find_spec", lambda _: None)
-    with pytest.raises(UnavailableError, match=r"pip install mcap"):
-        check_format(Path("run.mcap"))
+    for name, error, message in (
+        ("run.txt", SettingsError, r"run\.txt: a recording is a \.mcap or \.csv file"),
+        ("run.npz", SettingsError, r"run\.npz: .* 'hapticnet export FILE --format npz' converts it"),
+        ("run.mcap", UnavailableError, "pip install mcap"),
+    ):
+        with pytest.raises(error, match=message):
+            check_format(Path(name))
 
 
-def test_frames_arrive_in_any_pieces(tmp_path):
+def test_frames_arrive_in_any_pieces_and_others_are_refused(tmp_path):
     data = pack_begin(1, heading(tmp_path / "a.mcap")) + pack_frame(FrameKind.END, 1) * 3
     for size in (1, 7, 1000):
         reader, kinds = frame_reader(), []
@@ -211,8 +200,5 @@ def test_frames_arrive_in_any_pieces(tmp_path):
             reader.feed(data[at : at + size])
             kinds += [kind for kind, *_ in reader]
         assert kinds == [FrameKind.BEGIN, *[FrameKind.END] * 3]
-
-
-def test_bytes_that_are_no_frames_are_refused():
     with pytest.raises(ValueError, match="not a valid FrameKind"):
         feed(make_archive([]), b"\x92\x09\x01")
