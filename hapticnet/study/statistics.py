@@ -82,25 +82,19 @@ def sign_flip(differences: Sequence[float] | FloatArray, *, shift: float = 0.0) 
     total = float(np.abs(values).sum())
     if not len(values) or total <= LIMIT_SHARE:
         return 1.0, 1.0
-    exact = _fits(values, FINEST)
-    grid = FINEST if exact else 2.0 * total / COARSE_CELLS
-    steps = np.rint(np.abs(values) / grid).astype(np.int64)
+    fine = np.abs(values) / FINEST
+    exact = np.abs(fine - np.rint(fine)).max() < 1e-6 and 2.0 * fine.sum() < MOST_CELLS
+    steps = np.rint(fine if exact else np.abs(values) * COARSE_CELLS / (2.0 * total)).astype(np.int64)
     if exact:
         steps //= np.gcd.reduce(steps)
     size = int(steps.sum())
     chances = np.zeros(2 * size + 1)
     chances[size] = 1.0
-    reach = 0
-    for step in steps.tolist():
-        if step == 0:
-            continue
-        # Only the cells within reach are not 0; adding by slices costs no copies of the whole table.
-        low, high = size - reach, size + reach + 1
-        part = 0.5 * chances[low:high]
-        chances[low:high] = 0.0
-        chances[low - step : high - step] += part
-        chances[low + step : high + step] += part
-        reach += step
+    for step in filter(None, steps.tolist()):
+        part = 0.5 * chances
+        chances[:-step] = part[step:]
+        chances[-step:] = 0.0
+        chances[step:] += part[:-step]
     seen = size + int(np.where(values < 0.0, -steps, steps).sum())
     # A sum that equals the observed one but for rounding to the grid counts on both sides.
     slack = 0 if exact else len(values)
@@ -240,9 +234,3 @@ def _leaves(x: FloatArray, means: FloatArray, margin: float) -> float:
         return float(x[0])
     share = (margin - fallen[after - 1]) / (fallen[after] - fallen[after - 1])
     return float(x[after - 1] + share * (x[after] - x[after - 1]))
-
-
-def _fits(values: FloatArray, grid: float) -> bool:
-    """Return whether all values are multiples of a grid and the table of sums is not too large."""
-    steps = np.abs(values) / grid
-    return bool(np.abs(steps - np.rint(steps)).max() < 1e-6 and 2.0 * steps.sum() < MOST_CELLS)
