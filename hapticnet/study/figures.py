@@ -1,6 +1,7 @@
 """Figures of a study: bytes per penetration (the paper's Fig. 4), correct orders (Fig. 5), and the curve."""
 
 import math
+from collections import Counter
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from textwrap import wrap
@@ -61,17 +62,14 @@ def _title(axes: Any, text: str, results: Results, *below: str, **look: Any) -> 
 
 def _people(axes: Any, place: float, values: Sequence[float], factor: float, span: float, *, aside: float) -> None:
     """Draw each participant as a point beside `place`; those within 2 % of the axis' span stand side by side."""
-    rows: list[list[float]] = []
-    for value in sorted(value * factor for value in values if math.isfinite(value)):
-        if rows and value - rows[-1][0] < 0.02 * span:
-            rows[-1].append(value)
-        else:
-            rows.append([value])
-    for row in rows:
-        step = min(0.035, 0.3 / len(row))
-        for index, value in enumerate(row):
-            offset = step * (index - (len(row) - 1) / 2.0)
-            axes.plot(place + aside + offset, value, "o", color=INK, markersize=2.6, alpha=0.7, zorder=4)
+    known = [value * factor for value in values if math.isfinite(value)]
+    rows = Counter(round(value / (0.02 * span)) for value in known)
+    drawn: Counter[int] = Counter()
+    for value in sorted(known):
+        row = round(value / (0.02 * span))
+        offset = min(0.035, 0.3 / rows[row]) * (drawn[row] - (rows[row] - 1) / 2.0)
+        axes.plot(place + aside + offset, value, "o", color=INK, markersize=2.6, alpha=0.7, zorder=4)
+        drawn[row] += 1
 
 
 def _ticks(axes: Any, results: Results) -> None:

@@ -82,19 +82,18 @@ def test_a_rating_of_a_block_with_several_conditions_is_of_none_of_them():
     assert all(each.figures["rating"].mean is None for each in results.conditions)
 
 
-def test_a_participant_who_gave_no_answer_is_named():
-    begun = OrderRow(event="begin", participant="11", session=1, observer="step-masking")
-    assert analyse([*rows(people=2), begun]).missing == ("Participants 11 have no answered trial.",)
-
-
 def test_jnds_of_their_own_are_told():
     made = [dataclasses.replace(row, weber_fraction=0.03 + 0.01 * int(row.participant)) for row in rows(people=3)]
     assert "**1 JND is not the same for all**: Weber fractions from 0.04 to 0.06" in markdown(analyse(made), title="x")
 
 
-def test_a_participant_who_did_not_agree_is_told_as_such():
-    end = OrderRow(event="end", participant="11", session=1, observer="step-masking", reason="no consent")
-    assert analyse([*rows(people=2), end]).missing == ("Participants 11 did not agree to take part.",)
+def test_participants_who_did_not_agree_or_gave_no_answer_are_named():
+    begun = OrderRow(event="begin", participant="11", session=1, observer="step-masking")
+    end = dataclasses.replace(begun, event="end", participant="12", reason="no consent")
+    assert analyse([*rows(people=2), begun, end]).missing == (
+        "Participants 12 did not agree to take part.",
+        "Participants 11 have no answered trial.",
+    )
 
 
 def test_a_single_condition_has_no_comparison():

@@ -12,7 +12,6 @@ from hapticnet.study.power import ShareAnswers
 from hapticnet.study.statistics import (
     chance_variance,
     equivalence,
-    falling,
     holm,
     leaving_point,
     mean_interval,
@@ -144,10 +143,6 @@ def test_equivalence_is_shown_only_if_the_interval_agrees_with_the_tests():
 
 def test_holm_multiplies_the_smallest_most():
     assert holm([0.01, 0.04, 0.03]) == pytest.approx([0.03, 0.06, 0.06])
-
-
-def test_a_curve_is_made_to_fall():
-    assert falling(np.array([0.8, 0.9, 0.5, 0.6])).tolist() == pytest.approx([0.85, 0.85, 0.55, 0.55])
 
 
 def test_the_point_where_a_curve_leaves_the_margin_lies_where_it_was_put():
