@@ -17,6 +17,7 @@ HEADER_BYTES: Final = 20 + 8  # bytes of each packet's IPv4 header without optio
 MAX_IN_FLIGHT: Final = 100_000
 """Limit of packets in an emulator, so that memory stays bounded if packets are never taken out."""
 
+_COUNTED: Final = ("accepted", "delivered", "lost", "queue_dropped", "duplicated")
 _NS_PER_US: Final = 1_000
 _NS_PER_S: Final = 1_000_000_000
 
@@ -111,19 +112,11 @@ class Emulator(Generic[T]):
     @property
     def counters(self) -> ChannelCounters:
         """Counters of packets so far."""
-        return ChannelCounters(
-            accepted=self._accepted,
-            delivered=self._delivered,
-            lost=self._lost,
-            queue_dropped=self._queue_dropped,
-            duplicated=self._duplicated,
-            reordered=self._reordered,
-            accepted_bytes=self._accepted_bytes + self._accepted * HEADER_BYTES,
-            delivered_bytes=self._delivered_bytes + self._delivered * HEADER_BYTES,
-            lost_bytes=self._lost_bytes + self._lost * HEADER_BYTES,
-            queue_dropped_bytes=self._queue_dropped_bytes + self._queue_dropped * HEADER_BYTES,
-            duplicated_bytes=self._duplicated_bytes + self._duplicated * HEADER_BYTES,
-        )
+        counts = {name: getattr(self, f"_{name}") for name in _COUNTED}
+        sizes = {
+            f"{name}_bytes": getattr(self, f"_{name}_bytes") + HEADER_BYTES * count for name, count in counts.items()
+        }
+        return ChannelCounters(reordered=self._reordered, **counts, **sizes)
 
     def push(self, item: T, size_bytes: int, now_us: int) -> None:
         """Send a packet with a UDP payload of so many bytes at a time [µs]; `due` returns the item."""

@@ -100,10 +100,7 @@ LONGEST_PATTERN: Final = 1_000_000
 
 @dataclass(frozen=True, slots=True)
 class BernoulliLoss:
-    """Each packet is lost independently with the same probability.
-
-    Raise SettingsError if the probability is not between 0 and 1.
-    """
+    """Each packet is lost independently with the same probability."""
 
     probability: float  # probability that a packet is lost, 0 to 1
 
@@ -134,8 +131,6 @@ class GilbertElliottLoss:
     k below 1. The chain is in the bad state for a share p / (p + r) of the packets, so the stationary loss rate is
     ``(1 − h)·p/(p + r) + (1 − k)·r/(p + r)``; a burst in the bad state lasts 1/r packets on average. The chain starts
     in its stationary distribution.
-
-    Raise SettingsError if a probability is not between 0 and 1, or p and r are both 0, which has no stationary state.
     """
 
     p: float  # probability of a transition from the good to the bad state
@@ -171,10 +166,7 @@ class GilbertElliottLoss:
 
 @dataclass(frozen=True, slots=True)
 class PatternLoss:
-    """Losses by an explicit pattern, repeated forever.
-
-    Raise SettingsError if the pattern is empty, too long or contains characters other than 0 and 1.
-    """
+    """Losses by an explicit pattern, repeated forever."""
 
     pattern: str  # one character per packet: 1 is lost, 0 is delivered
 
@@ -238,8 +230,6 @@ class Jitter:
     pareto     Lomax (Pareto II): survival ``(1 + x/λ)^−α`` of the delay x, with    mean σ·√((α − 2)/α)
                λ = σ·(α − 1)·√((α − 2)/α)
     ========== ==================================================================== ===================
-
-    Raise SettingsError if a value is unknown or out of range.
     """
 
     distribution: Distribution  # one of normal, uniform, pareto
@@ -305,8 +295,6 @@ class ChannelSettings:
 
     Packets keep their order, with two exceptions: `reorder_probability` holds back single packets while later ones
     overtake, and a jitter with ``keeps_order=False`` reorders all.
-
-    Raise SettingsError if a value is out of range.
     """
 
     delay_us: int = 0  # shortest time [µs] from sending to delivery

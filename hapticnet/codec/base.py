@@ -14,12 +14,10 @@ class Encoder(Protocol):
     """The sending half. Its state follows what was put on the wire, never the unrounded input."""
 
     def encode(self, t_us: int, stimulus: Vector, position: Vector | None = None) -> bytes | None:
-        """Return the payload to transmit for the stimulus of time `t_us`, or None to send nothing.
+        """Return the payload to transmit for the stimulus of time `t_us` [µs], or None to send nothing.
 
         Parameters
         ----------
-        t_us
-            Time of the sample [µs].
         stimulus
             What is to be felt, one number per axis.
         position
@@ -50,19 +48,11 @@ class Decoder(Protocol):
         """
 
     def reconstruct(self, t_us: int, position: Vector | None = None, position_us: int | None = None) -> Vector:
-        """Return the stimulus to apply at time `t_us`, finite; zeros before the first payload.
+        """Return the stimulus to apply at time `t_us` [µs], finite; zeros before the first payload.
 
-        Called at every sample, with the tool's position where it is known.
-
-        Parameters
-        ----------
-        t_us
-            Time [µs] on the time line of the payloads.
-        position
-            Where the tool is [m].
-        position_us
-            Time of that position [µs]; None: `t_us`. Over a network it is later: the position is that of now, while the
-            newest payload that can have arrived belongs to an earlier one.
+        Called at every sample, with the tool's position [m] where it is known. Over a network, `position_us` is later
+        than `t_us`: the position is that of now, while the newest payload that can have arrived belongs to an earlier
+        one.
 
         Raises
         ------
@@ -76,17 +66,7 @@ class Predictive(Protocol):
     """A decoder that can be asked for the future. Optional: without it, the force ahead is estimated from updates."""
 
     def predict(self, t_us: int, position: Vector, position_us: int) -> Vector:
-        """Return what `reconstruct` would return for times to come, without changing the state.
-
-        Parameters
-        ----------
-        t_us
-            Time [µs] ahead, on the time line of the payloads.
-        position
-            Where the tool is expected [m].
-        position_us
-            When it is expected there [µs].
-        """
+        """Return what `reconstruct` would return at a time and a position [m] to come, without changing the state."""
 
 
 CLASS_VARIABLES: Final = ("name", "needs_position", "builds_on_earlier", "receiver_has_tables", "steps")

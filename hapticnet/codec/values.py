@@ -1,14 +1,7 @@
-"""A whole stimulus as bytes, big-endian: int16 counts of a step, float32, or float64 where float32 is too coarse.
+"""A whole stimulus as bytes: counts of a step, float32, or float64 where float32 is too coarse.
 
-======= ========= ==============================================================================
-B/axis  form      used
-======= ========= ==============================================================================
-2       int16     counts of ``step_n``, if that is above 0 and close enough on every axis
-4       float32   otherwise, if close enough
-8       float64   otherwise
-======= ========= ==============================================================================
-
-Close enough: the stimulus is within the threshold around the value that the receiver decodes.
+An encoder takes the shortest form whose value is so close to the stimulus that this is within the threshold around it
+(docs/refer/payloads.md).
 """
 
 import struct

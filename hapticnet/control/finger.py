@@ -26,7 +26,7 @@ def compressed(force_n: float) -> float:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FingerSettings:
-    """Prior knowledge of a finger, and how fast it may change; raise SettingsError if a value is out of range."""
+    """Prior knowledge of a finger, and how fast it may change."""
 
     # Tangent stiffness [N/m] at 1 N: the middle of the typical range, or the identified value
     stiffness_n_m: float = STIFFNESS_N_M

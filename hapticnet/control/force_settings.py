@@ -13,7 +13,7 @@ BEYOND_M: Final = 0.0011  # distance [m] past its contact at which the sensor de
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ForceControlSettings:
-    """Limits of the force loop, and prior knowledge of the finger; raise SettingsError if a value is out of range."""
+    """Limits of the force loop, and prior knowledge of the finger."""
 
     # Prior knowledge of the finger and how fast it may change
     finger: FingerSettings = field(default_factory=FingerSettings)

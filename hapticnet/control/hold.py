@@ -27,10 +27,7 @@ setpoint, so the platform may be anywhere by then, and a target still held would
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LimitSettings:
-    """Limits of the target force.
-
-    Raise SettingsError if a limit is not finite and positive, or exceeds the limit of the device.
-    """
+    """Limits of the target force."""
 
     max_force_n: float = MAX_FORCE_N  # largest target force [N]
     slew_n_per_s: float = SLEW_N_PER_S  # largest rate of rise [N/s]
@@ -85,11 +82,7 @@ FRESH_US: Final = 100_000
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class HoldSettings:
-    """Timings of the hold.
-
-    Raise SettingsError if a time is negative or above ten seconds, the age limit is zero, or the rate is not finite and
-    positive.
-    """
+    """Timings of the hold."""
 
     # Time [µs] a stimulus is held after the last sign of life from the link. An assumption: long enough to lose several
     # keepalives.

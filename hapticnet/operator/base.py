@@ -35,18 +35,13 @@ class HasSample(Protocol):
 
 
 class UserOperator:
-    """An object of the user's, with its results checked. Satisfies `operator.base.Operator`.
+    """An object of the user's, with its results checked. Satisfies `Operator`.
 
-    Raise SettingsError if ``sample`` is missing, a method cannot be called this way, or an attribute cannot be used.
-
-    Parameters
-    ----------
-    hand
-        Its ``sample(t_us)`` returns the position [m] at a time [µs] since the start: a `PositionSample`, a number, or
-        a sequence of numbers, one for each axis. Optional: ``feel(t_us, force_n)``, called in every tick with the force
-        held [N], a tuple; ``axes`` (1 to 3; default 1); ``duration_us``, after which the run ends.
-    what
-        What messages call the object, such as "operator own.py:Mine".
+    Its ``sample(t_us)`` returns the position [m] at a time [µs] since the start: a `PositionSample`, a number, or a
+    sequence of numbers, one for each axis. Optional: ``feel(t_us, force_n)``, called in every tick with the force held
+    [N], a tuple; ``axes`` (1 to 3; default 1); ``duration_us``, after which the run ends. `what` names the object in
+    messages, such as "operator own.py:Mine". Raise SettingsError if a method cannot be called this way, or an attribute
+    cannot be used.
     """
 
     __slots__ = ("_feel", "_hand_feel", "_hand_sample", "_sample", "axes", "duration_us", "hand", "what")
@@ -68,11 +63,7 @@ class UserOperator:
         self.duration_us = duration_us
 
     def sample(self, t_us: int) -> PositionSample:
-        """Return the position of the tool at `t_us` [µs].
-
-        Raise UserCodeError if the object raises, or returns something else than a position of as many axes as it
-        declares.
-        """
+        """Return the position at a time [µs]; UserCodeError if the object raises, or returns no such position."""
         try:
             result = self._hand_sample(t_us)
             if type(result) is PositionSample:

@@ -37,7 +37,7 @@ class HandState(enum.IntEnum):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LiveHandSettings:
-    """How the needle follows a hand; raise SettingsError if a value is out of range."""
+    """How the needle follows a hand."""
 
     rest_m: float = 0.0  # position [m] of the needle while nobody has the hand
     deepest_m: float = 0.1

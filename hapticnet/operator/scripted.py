@@ -39,8 +39,6 @@ class InsertionSettings:
     paper's scene, whose surfaces at 20, 40 and 60 mm breach at an indentation of 10 mm: the steps end at 29 mm
     (pressing on the first tissue), 44 mm (first breached, pressing on the second), 59 mm (second breached) and 74 mm
     (all breached). The durations are an assumption, because the paper does not state its motion.
-
-    Raise SettingsError if a value is out of range or the positions are not in order.
     """
 
     start_m: float = 0.0  # rest position of the hand, in front of the first surface
@@ -161,8 +159,6 @@ class PalpationSettings:
     The finger comes from outside to a point above the surface, presses, slides along the surface in several strokes,
     with a pause at each turn, and lifts. Press, strokes and directions differ from palpation to palpation. On two axes
     the first two coordinates count. The durations are assumptions.
-
-    Raise SettingsError if a value is out of range.
     """
 
     axes: int = 3  # 2 or 3

@@ -68,18 +68,13 @@ class HasStep(Protocol):
 
 
 class UserScene:
-    """An object of the user's, with its results checked. Satisfies `scene.base.Touchable`.
+    """An object of the user's, with its results checked. Satisfies `Touchable`.
 
-    Raise SettingsError if ``step`` is missing or cannot be called with one argument, or an attribute cannot be used.
-
-    Parameters
-    ----------
-    touched
-        Its ``step(sample)`` is called with a `PositionSample` and returns a `ForceSample`, a number, or a sequence of
-        numbers, one for each axis [N]. Optional attributes: ``axes`` (1 to 3; default 1), ``name`` and ``breaches``;
-        optional methods: ``welcome(master)``, ``ahead()`` and ``stiffness_bound()`` (`scene.base.Touchable`).
-    what
-        What messages call the object, such as "scene own.py:Mine".
+    Its ``step(sample)`` is called with a `PositionSample` and returns a `ForceSample`, a number, or a sequence of
+    numbers, one for each axis [N]. Optional attributes: ``axes`` (1 to 3; default 1), ``name`` and ``breaches``;
+    optional methods: ``welcome(master)``, ``ahead()`` and ``stiffness_bound()``. `what` names the object in messages,
+    such as "scene own.py:Mine". Raise SettingsError if ``step`` cannot be called with one argument, or an attribute
+    cannot be used.
     """
 
     __slots__ = ("__weakref__", "_method", "_step", "ahead", "axes", "name", "stiffness_bound", "touched", "what")
@@ -117,10 +112,7 @@ class UserScene:
                 raise failure(f"{type(self.touched).__name__}.welcome", error) from error
 
     def step(self, sample: PositionSample) -> ForceSample:
-        """Return the force at a position.
-
-        Raise UserCodeError if the object raises, or returns something else than a force of as many axes as it declares.
-        """
+        """Return the force at a position; UserCodeError if the object raises, or returns no such force."""
         try:
             result = self._step(sample)
             if type(result) is ForceSample:

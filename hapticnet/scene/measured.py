@@ -99,20 +99,11 @@ class MeasuredScene:
 
     def __init__(self, touched: Touchable) -> None:
         self.touched = touched
+        self.axes, self.name = touched.axes, touched.name
         self._surfaces: list[_Surface] = []
         self._fit: LineFit | None = None
         self._now: _Surface | None = None  # what the tool presses on
         self._x_m = self._force_n = 0.0
-
-    @property
-    def axes(self) -> int:
-        """Number of axes."""
-        return self.touched.axes
-
-    @property
-    def name(self) -> str:
-        """Name of what is touched."""
-        return self.touched.name
 
     @property
     def breaches(self) -> int:

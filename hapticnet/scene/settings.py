@@ -42,8 +42,6 @@ class Tissue:
 
     The first four properties describe the tissue of "Cutaneous haptic deadband compression": a spring that breaks.
     Each of the others has no effect, and no cost, while it is zero.
-
-    Raise SettingsError if a value is not finite or out of range.
     """
 
     name: str
@@ -112,11 +110,7 @@ def check_names(scene: str, names: Sequence[str], what: str) -> None:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SceneSettings:
-    """A scene's name and its tissues, sorted from front to back.
-
-    Raise SettingsError if there is no tissue, two share a rest position or a name, or a name does not fit a WELCOME
-    message.
-    """
+    """A scene's name and its tissues, sorted from front to back."""
 
     name: str
     tissues: tuple[Tissue, ...]
@@ -136,10 +130,7 @@ LARGEST_FRICTION: Final = 10.0  # largest coefficient of friction; rubber on a r
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Body:
-    """What planes and spheres have in common. Each property but the stiffness has no effect, and no cost, at zero.
-
-    Raise SettingsError if a value is not finite or out of range.
-    """
+    """What planes and spheres have in common. Each property but the stiffness has no effect, and no cost, at zero."""
 
     name: str
     stiffness_n_per_m: float  # force per distance [N/m] between the tool and the surface point that it holds
@@ -217,11 +208,7 @@ AnyBody: TypeAlias = Plane | Sphere
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class BodySceneSettings:
-    """A scene's name and its bodies.
-
-    Raise SettingsError if there is no body, two have different numbers of axes, or a name is not unique or does not fit
-    a message.
-    """
+    """A scene's name and its bodies."""
 
     name: str
     bodies: tuple[AnyBody, ...]

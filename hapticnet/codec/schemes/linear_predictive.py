@@ -3,14 +3,6 @@
 First-order prediction within the deadband: Hinterseer, Hirche, Chaudhuri, Steinbach & Buss 2008, "Perception-based data
 reduction and transmission of haptic data in telepresence and teleaction systems" (IEEE Trans. Signal Processing). Here
 the payload carries the slope beside the value, so that a decoder needs no earlier update.
-
-======= ======= ===================================================
-B/axis  value   slope
-======= ======= ===================================================
-4       int16   int16, counts of ``step_n / horizon``, limited
-8       float32 float32
-12      float64 float32
-======= ======= ===================================================
 """
 
 from dataclasses import dataclass, field

@@ -1,16 +1,4 @@
-"""The motion of the tool, and stimuli as functions of time and of that motion.
-
-The payload begins with a byte: the kind of the message, plus `WIDE` if its value is float64 instead of float32. Then,
-big-endian, for n axes:
-
-======= ============ =========================================================================================
-kind    byte         rest
-======= ============ =========================================================================================
-hold    0            value (n)
-curve   1            value (n), travel (n float16, in thresholds around the value)
-surface 2            offset (n), normal (n float16), for n > 1 stiffness across the normal (float16 [N/m])
-coupled 3            offset (n), travel (n float32 [N]), stiffness (float16 [N/m]), viscosity (float16 [N·s/m])
-======= ============ =========================================================================================
+"""The motion of the tool, and stimuli as functions of time and of that motion, with their payloads.
 
 Offsets, normals, stiffness and viscosity are absolute: they do not name the position for which they were computed. A
 receiver whose position differs from the one that the sender knew therefore applies what holds at its own.
