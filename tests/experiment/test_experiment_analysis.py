@@ -19,23 +19,19 @@ def columns(force_n, breaches, datagram_bytes, position_m=None):
     }
 
 
-def test_a_penetration_is_paid_from_first_touch_to_breach_headers_included():
-    slave = columns(
-        force_n=[0, 0, 1, 2, 0, 0, 3, 4, 0, 0],
-        breaches=[0, 0, 0, 0, 1, 1, 1, 1, 2, 2],
-        datagram_bytes=[10, 10, 10, 0, 10, 10, 10, 0, 10, 10],
-    )
-    assert bytes_per_penetration(slave).each == (2 * 38, 2 * 38)
-
-
-def test_breaches_without_a_pause_between_share_nothing():
-    slave = columns(force_n=[0, 1, 1, 2, 0], breaches=[0, 0, 1, 1, 2], datagram_bytes=[10, 10, 10, 10, 10])
-    assert bytes_per_penetration(slave).each == (2 * 38, 2 * 38)
-
-
-def test_without_a_penetration_nothing_is_paid():
-    report = bytes_per_penetration(columns([0, 1, 0], [0, 0, 0], [10, 10, 10]))
-    assert (report.each, report.mean, report.deviation) == ((), 0.0, 0.0)
+@pytest.mark.parametrize(
+    ("force_n", "breaches", "datagram_bytes", "each"),
+    [
+        # From the first touch to the breach, headers included.
+        ([0, 0, 1, 2, 0, 0, 3, 4, 0, 0], [0, 0, 0, 0, 1, 1, 1, 1, 2, 2], [10, 10, 10, 0] * 2 + [10, 10], (76, 76)),
+        # Breaches without a pause between them share nothing.
+        ([0, 1, 1, 2, 0], [0, 0, 1, 1, 2], [10] * 5, (76, 76)),
+        ([0, 1, 0], [0, 0, 0], [10] * 3, ()),
+    ],
+)
+def test_a_penetration_costs_what_is_sent_from_touch_to_breach(force_n, breaches, datagram_bytes, each):
+    report = bytes_per_penetration(columns(force_n, breaches, datagram_bytes))
+    assert (report.each, report.mean, report.deviation) == (each, 76.0 if each else 0.0, 0.0)
 
 
 def test_penetrations_are_kept_apart_by_tissue():
@@ -126,8 +122,3 @@ def test_the_example_of_the_documentation_joins_all_rows(both_sides, tmp_path, m
     assert len(names["both"]) >= len(at_slave)
     own_n = master["held_n"][at_master] - slave["force_n"][at_slave]
     assert np.sqrt((names["error"] ** 2).mean()) == pytest.approx(np.sqrt((own_n**2).mean()), rel=0.02)
-
-
-def test_the_papers_figures_are_on_record():
-    assert [condition.paper_correct for condition in CONDITIONS] == [0.775, 0.80, 0.675, 0.5375]
-    assert CONDITIONS[1].paper_byte_reduction == pytest.approx(0.617)

@@ -7,12 +7,11 @@ import pytest
 from matplotlib.figure import Figure
 
 from hapticnet.codec.registry import make_codec
-from hapticnet.errors import SettingsError
 from hapticnet.experiment.comparison import compare
 from hapticnet.experiment.comparison_figures import Figures
 from hapticnet.experiment.signal_figure import draw_run
 from hapticnet.experiment.step_response import plot_step
-from hapticnet.experiment.style import COLOURS, check_format, draw_codecs, finish_axes, legend, mark_level, picture
+from hapticnet.experiment.style import COLOURS, draw_codecs, finish_axes, legend, mark_level, picture
 from hapticnet.experiment.trials import Trial
 from hapticnet.perception import WeberLaw
 from tests.ready import ROOT
@@ -74,11 +73,6 @@ def test_a_run_is_drawn_even_without_a_breach_and_always_the_same(tmp_path, loop
         link.run(duration_us)
         draw_run(link.slave.contexts[0].recording.table(), link.master.recording.table(), file, codec="raw")
     assert files[1].read_bytes() == files[2].read_bytes() != files[0].read_bytes()
-
-
-def test_a_format_that_does_not_exist_is_refused():
-    with pytest.raises(SettingsError, match="'gif'; it must be png, pdf or svg"):
-        check_format("gif")
 
 
 def test_the_figures_of_a_comparison_hide_nothing_and_declare_their_scales(tmp_path, drawn):

@@ -145,6 +145,7 @@ def test_energy_is_created_where_pushing_in_meets_less_force_and_pulling_out_mor
     assert energy == pytest.approx([1e-3, 2e-3, 3e-3, 4e-3])
     result = report(spring, weaker_in_stronger_out, positions=position)
     assert (result.energy_final_j, result.energy_peak_j) == pytest.approx((4e-3, 4e-3))
+    assert report(spring, spring).energy_final_j is report(spring, spring).energy_peak_j is None
     reverse = report(spring, 2 * spring - weaker_in_stronger_out, positions=position)
     assert (reverse.energy_final_j, reverse.energy_peak_j) == pytest.approx((-4e-3, 0.0))
 
@@ -162,12 +163,6 @@ def test_energy_is_the_work_of_the_applied_force_less_that_of_the_true_one(pair,
     result = report(true, applied, sent=[0] if len(true) else [], positions=position)
     assert result.energy_final_j == pytest.approx(work_on_operator(applied) - work_on_operator(true), abs=1e-9)
     assert result.energy_peak_j >= max(result.energy_final_j, 0.0)
-
-
-def test_energy_is_unknown_without_positions():
-    result = report(column(1.0, 2.0), column(1.0, 1.0))
-    assert result.energy_final_j is None
-    assert result.energy_peak_j is None
 
 
 @pytest.mark.parametrize("axes", [1, 2, 3])

@@ -21,11 +21,9 @@ HEAD = 'name = "x"\ntask = "felt"\n'
         ("name = ", "not a TOML file: .*line 1"),
         ('name = "x"', "task is missing; choose from felt, ordering"),
         ('name = "x"\ntask = "feel"', "task is 'feel' .did you mean 'felt'"),
-        ('name = "x"\ntask = 3', "task is 3; choose from felt, ordering"),
         ('task = "felt"', "name is missing"),
         (HEAD + "repeat = 3", "unknown key 'repeat' .did you mean 'repeats'"),
         (HEAD + "repeats = 0", "repeats is 0"),
-        (HEAD + 'repeats = "many"', "repeats is 'many'; it must be a whole number"),
         (HEAD + "seed = -1", "seed is -1"),
         (HEAD + 'axes = "all"', "axes is 'all'; it must be a table"),
         (HEAD + "[axes]\ncodecs = ['raw']", "axes.* 'axes.codecs'|unknown key 'axes.codecs'.*codec"),
@@ -33,7 +31,6 @@ HEAD = 'name = "x"\ntask = "felt"\n'
         (HEAD + "[axes]\ncodec = [3]", "text in quotes, and 3 is not"),
         (HEAD + "[axes]\ncodec = 'morse'", "unknown codec 'morse'"),
         (HEAD + "[axes]\nmultiplier = 'two'", "a number, and 'two' is none"),
-        (HEAD + "[axes]\nmultiplier = [true]", "a number, and True is none"),
         (HEAD + "[axes]\nmultiplier = nan", "a number, and nan is none"),
         (HEAD + "[axes]\nmultiplier = -1", "JND multiplier is -1"),
         (HEAD + "[axes]\nmultiplier = { from = 1, to = 4 }", "a range needs 'count'"),
@@ -53,7 +50,6 @@ HEAD = 'name = "x"\ntask = "felt"\n'
         (HEAD + "[axes]\nhand = 'robot'", "hand 'robot' must be scripted or palpation"),
         (HEAD + "[axes]\nhand = 'scripted:speed=2'", "there is no 'speed'; there are: start_m"),
         (HEAD + "[axes]\nhand = 'scripted:insertions=two'", "insertions is 'two'; it must be a whole number"),
-        (HEAD + "[axes]\nhand = 'scripted:depth_m=99'", "depth_m is 99"),
         (HEAD + "[axes]\nscene = 'phantom'\nhand = 'scripted'", "scene 'phantom': 3; use palpation"),
         (HEAD + "[axes]\nrecording = 'none.csv'", "none.csv: No such file"),
         (HEAD + "[axes]\nrecording = 'none.csv'\nscene = 'paper'", "recording takes the place of scene"),
@@ -62,7 +58,6 @@ HEAD = 'name = "x"\ntask = "felt"\n'
         (HEAD + "[axes]\nobserver = 'literature'", "unknown key 'axes.observer'|unknown key 'observer'"),
         (HEAD + "repeats = 100000000\n[axes]\nmultiplier = { from = 1, to = 2, count = 100 }", "runs; at most"),
         ('name = "x"\ntask = "ordering"\n[axes]\nobserver = "nobody"', "unknown observer 'nobody'"),
-        ('name = "x"\ntask = "ordering"\nanswers = 0', "answers is 0"),
         ('name = "x"\ntask = "ordering"\n[axes]\nrate_hz = 5', "rate_hz is 5"),
         (HEAD + "[show]\nbyy = ['codec']", "unknown key 'show.byy'|unknown key 'byy'"),
     ],
@@ -129,11 +124,6 @@ def test_the_raw_codec_has_no_threshold_to_vary_and_parameters_apply_where_they_
     assert {(each["multiplier"], each["parameter_step_n"]) for each in deadband} == {
         (multiplier, step_n) for multiplier in (1.0, 2.0) for step_n in (0.001, 0.01)
     }
-
-
-def test_more_repeats_append_runs(tmp_path):
-    plan = plan_from(tmp_path, "repeats = 2\n" + HEAD + "[axes]\nmultiplier = [1, 2, 3]\nloss = [0, 0.1]")
-    assert (plan.cells, plan.runs) == (6, 12)
 
 
 def test_a_grid_numbers_every_combination_once_with_the_last_axis_fastest():
