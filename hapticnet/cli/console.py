@@ -20,11 +20,7 @@ MOST_ENTRIES: Final = 20  # entries shown of a list in a report for a person
 
 
 class Console:
-    """Messages of a process to the person who watches it.
-
-    `name`: prefix of each line. `quiet`: whether to print only errors. `real_time`: whether this process must never
-    wait for the reader of its messages. Their rate is then limited.
-    """
+    """Messages of a process to the person who watches it, whose reader one in real time never waits for."""
 
     def __init__(self, name: str, *, quiet: bool = False, real_time: bool = False) -> None:
         self._name = name
@@ -44,10 +40,7 @@ class Console:
     def say(
         self, text: str, *, event: str | None = None, fields: Mapping[str, Any] | None = None, needed: bool = False
     ) -> None:
-        """Print a permanent line, a `needed` one even if quiet.
-
-        For programs, `event` names what happened, and `fields` are what it is about.
-        """
+        """Print a permanent line, a `needed` one even if quiet; for programs, with what happened and to what."""
         if needed or not self._quiet:
             STDERR.line(log_line(text, who=self._name, event=event, fields=fields), needed=needed)
 
@@ -62,10 +55,7 @@ class Console:
         self.warn(text)
 
     def warn_of_unused(self, unused: Mapping[str, tuple[bool, str]]) -> None:
-        """Warn of options that were given and have no effect.
-
-        `unused`: by option: whether that is so, and why.
-        """
+        """Warn of options that were given and have no effect: by option, whether that is so, and why."""
         for option, (is_unused, why) in unused.items():
             if is_unused:
                 self.warn(f"{option} has no effect: {why}")
@@ -105,12 +95,9 @@ def deliver(
     real_time: bool = False,
     shown: Mapping[str, Any] | None = None,
 ) -> None:
-    """Write a report to `file` as JSON, then print it on stdout, as JSON or for a person.
+    """Write a report to `file` as JSON, then print it on stdout, as JSON or for a person, who may see `shown` instead.
 
-    The JSON also has the provenance: version, date, machine and command.
-
-    `real_time`: whether to give up when stdout is not read for `STALL_S`; otherwise its reader may take any time.
-    `shown`: what a person is shown instead of `report`.
+    The JSON has the provenance, too. In real time, a stdout that nobody reads for `STALL_S` is given up.
 
     Raise FileError if the file or stdout cannot be written; the other one is still written.
     """

@@ -226,10 +226,7 @@ def join(given: MasterOptions) -> None:
 
 
 class MasterMessages(Watcher[NodeEvent]):
-    """Messages about events, advice while there is no session, and the status line.
-
-    `address`: the slave's address as written. `keys`: the keys of a sealed session; None for an open one.
-    """
+    """Messages about events, advice while there is no session, and the status line."""
 
     name = "messages"
 

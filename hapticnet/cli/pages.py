@@ -33,10 +33,7 @@ _LINK: Final = '<!doctype html><meta http-equiv="refresh" content="0; url={url}"
 
 
 class ServedPage:
-    """The socket on which pages will be served, opened early so that a wrong address is told at once.
-
-    `access`: how to reach it.
-    """
+    """The socket on which pages will be served, opened early so that a wrong address is told at once."""
 
     def __init__(self, sock: socket.socket, access: "Access", console: "Console") -> None:
         self._sock = sock
@@ -81,11 +78,7 @@ class ServedPage:
 
 
 def choose_operator(operator: str | None, page: str | None, console: "Console") -> tuple[str, ServedPage | None]:
-    """Return where the positions come from, and what serves the page, if there is one.
-
-    Raise UnavailableError if the extra is not installed or the address cannot be used; SettingsError if the address is
-    malformed.
-    """
+    """Return where the positions come from, and what serves the page, if there is one; raise as `listen_for`."""
     if page is None and operator != "page":
         return operator or "scripted", None
     sock, access = listen_for(page, ("operator", "watch"), console)
@@ -96,10 +89,9 @@ def choose_operator(operator: str | None, page: str | None, console: "Console") 
 def listen_for(
     page: str | None, views: "tuple[View, ...]", console: "Console", before: "Access | None" = None
 ) -> "tuple[socket.socket, Access]":
-    """Return the socket on which views will be served, and how to reach them; if possible, as `before`.
+    """Return the socket on which views will be served, and how to reach them, if possible, as `before`.
 
-    Raise UnavailableError if the extra is not installed or the address cannot be used; SettingsError if the address is
-    malformed.
+    Raise UnavailableError if the extra is missing or the address cannot be used; SettingsError if it is malformed.
     """
     try:
         from hapticnet.web.access import listen_for_pages
@@ -125,12 +117,10 @@ def page_address(page: str | None) -> "HostPort | None":
 
 
 def say_addresses(views: "Mapping[str, View]", access: "Access", console: "Console") -> None:
-    """Print the addresses of views, each with its text before it.
+    """Print the addresses of views, each with its text before it; raise UnavailableError if a file cannot be written.
 
     The tokens in them are for a person at a terminal. What is no terminal may be a log that others read: it gets the
     names of files in a folder of this user, each of which leads a browser to a view.
-
-    Raise UnavailableError if the files cannot be written.
     """
     addresses = {text: access.url(view) for text, view in views.items()}
     if not _on_terminal():

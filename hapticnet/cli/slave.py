@@ -170,10 +170,7 @@ def read_masters(node: SlaveNode, guests: Guests | None, console: Console) -> No
 
 
 class SlaveMessages(Watcher[SlaveEvent]):
-    """Messages about masters that come and go, and the status line.
-
-    `guests`: the masters with keys; None if there are no sealed sessions.
-    """
+    """Messages about masters that come and go, and the status line; without `guests` there are no sealed sessions."""
 
     name = "messages"
 

@@ -16,15 +16,9 @@ from hapticnet.hardware import SENSOR_THRESHOLD_N
 
 Numbers: TypeAlias = NDArray[np.float64]
 LARGEST: Final = 1e6  # largest counts and newtons in a table, beyond any sensor
-MOST_KNOTS: Final = 8
-"""Most knots of a fitted table: follows a sensor with conductance linear in force within 3 % from 0.2 to 10 N."""
-
-FULL_SCALE_COUNTS: Final = 1023.0
-"""Highest count of the ATmega328P's 10-bit converter. Means within one of it were saturated part of the time."""
-
-LARGEST_FORCE_N: Final = 100.0
-"""Largest force [N] of a pair: five times the range of the FSR 400 series (20 N, data sheet). Catches grams."""
-
+MOST_KNOTS: Final = 8  # follows a sensor with conductance linear in force within 3 % from 0.2 to 10 N
+FULL_SCALE_COUNTS: Final = 1023.0  # of the ATmega328P's 10-bit converter; means within one of it were saturated in part
+LARGEST_FORCE_N: Final = 100.0  # of a pair [N]: five times the range of the FSR 400 series (data sheet); catches grams
 FLATTEST_SLOPE: Final = 0.01
 """Smallest slope of a fitted table, as a fraction of its mean slope.
 
@@ -102,8 +96,7 @@ def fit_calibration(adc_counts: Sequence[float], forces_n: Sequence[float], *, k
     Pairs may be noisy, repeated, in any order, and taken during loading and unloading. Pairs at 0 counts do not affect
     the table, in which 0 counts are always 0 N; they still have a residual. Saturated pairs are ignored.
 
-    `adc_counts`: converter counts, 0 to 1023; means may have a fraction. `forces_n`: the force [N] applied at each of
-    them. `knots`: largest number of knots, 2 to 8; limited by the number of different forces.
+    `adc_counts` are 0 to 1023; means may have a fraction. `knots` is the largest number of knots, 2 to 8.
 
     Raise SettingsError if a value is invalid, too few pairs are usable, or the force does not increase with the counts.
 

@@ -24,8 +24,7 @@ class Linkage:
     """
 
     arm_m: float = 0.012  # length of a servo's arm [m]; 12 mm in the paper's device
-    us_per_degree: float = 10.0
-    """Pulse [µs] per degree of rotation; 10 is typical of the HS-55 (600 to 2400 µs over 180°)."""
+    us_per_degree: float = 10.0  # pulse [µs] per degree of rotation; typical of the HS-55 (600 to 2400 µs over 180°)
     level_us: float = 1500.0  # pulse [µs] at which the arms are perpendicular to the motion of the platform
     retracted_us: float = 1200.0
     """Pulse [µs] at displacement 0. An assumption: 30° below level leaves room to insert a finger."""
@@ -83,8 +82,7 @@ class Linkage:
         The error of the mean pulse is below a quarter of a deadband, and the servos stay within two deadbands of each
         other: 1.6° of arm, or 0.3 mm across the platform.
 
-        `displacement_m`: displacement [m]; clamped to the travel, retracted if it is not finite. `held_us`: pulses [µs]
-        the servos took at their last frame.
+        The displacement is clamped to the travel, and retracted if it is not finite.
         """
         step_us = self.timer_step_us
         deadband_us = max(self.deadband_us, step_us)

@@ -12,9 +12,7 @@ from hapticnet.device.calibration import Calibration
 from hapticnet.device.servos import Linkage, Pulses, Servo, Servos
 from hapticnet.hardware import CONTACT_M, MAX_FORCE_N, SENSOR_THRESHOLD_N, STIFFENING, STIFFNESS_N_M
 
-LEAST_STIFFENING: Final = 1e-12
-"""Share below which a finger is a linear spring: the difference is smaller than rounding, and the quotients below would
-overflow at the smallest numbers."""
+LEAST_STIFFENING: Final = 1e-12  # share below which a finger is a linear spring; the quotients below would overflow
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -58,12 +56,10 @@ class Sensor:
     threshold_n: float = SENSOR_THRESHOLD_N  # force [N] below which it does not conduct
     ohm_at_1_n: float = 9500.0  # resistance [Ω] at 1 N; about 9.5 kΩ is typical
     exponent: float = 1.0  # exponent of the conductance (dimensionless); 0.9 to 1.1 is typical
-    hysteresis: float = 0.1
-    """Relative decrease of the resistance at the same force during unloading; 10 % on average, data sheet."""
+    hysteresis: float = 0.1  # relative decrease of the resistance during unloading; 10 % on average, data sheet
     divider_ohm: float = 10_000.0  # resistance of the divider [Ω]
     adc_bits: int = 10  # resolution of the converter
-    noise_counts: float = 1.0
-    """Standard deviation [counts] of the noise of a reading; about one count is typical of this converter."""
+    noise_counts: float = 1.0  # standard deviation [counts] of the noise of a reading; typical of this converter
 
     def __post_init__(self) -> None:
         check_parameter("sensor threshold", self.threshold_n, 0.0, 5.0, "N")

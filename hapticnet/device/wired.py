@@ -39,9 +39,7 @@ from hapticnet.device.servos import Linkage, Pulses, Servo, Servos
 from hapticnet.errors import PeerError, RefusedError
 from hapticnet.hardware import MAX_FORCE_N, SERVO_FRAME_US
 
-REPEAT_US: Final = SERVO_FRAME_US
-"""Longest time between setpoints [µs]: one servo frame. The firmware retracts after 190 ms without one."""
-
+REPEAT_US: Final = SERVO_FRAME_US  # longest time between setpoints [µs]; the firmware retracts after 190 ms without
 LEAD_US: Final = 1_000
 SLOT_US: Final = 2_500
 """Time [µs] from the firmware's choice of a setpoint to the first pulse of the frame, and between the starts of its
@@ -55,8 +53,7 @@ JITTER_US: Final = 0.5
 """Largest error [µs] of a pulse width (0.44 in simavr). A step must exceed the servo's deadband by this margin, or the
 servo takes it frames later."""
 
-REMEMBERED: Final = 256
-"""Number of setpoints kept until the device reports that it took them; at most one is sent per millisecond."""
+REMEMBERED: Final = 256  # setpoints kept until the device reports that it took them; at most one is sent per ms
 
 
 class Setpoints:
@@ -182,13 +179,8 @@ PATIENCE_US: Final = 3_000_000
 one to two seconds, typically."""
 
 SILENCE_US: Final = 50_000  # time [µs] without a reading after which a streaming device counts as lost
-LONGEST_STEP_US: Final = 10_000
-"""Largest contribution [µs] of one step to the silence, because a stalled host could not have received anything."""
-
-STREAM_PERIOD_MS: Final = 2
-"""Requested period of readings [ms]: what a line of 115200 baud can carry, and five per control period. At 500 kbaud,
-1 ms would be possible but would only cost time on both sides."""
-
+LONGEST_STEP_US: Final = 10_000  # largest contribution [µs] of one step to the silence: a stalled host receives nothing
+STREAM_PERIOD_MS: Final = 2  # requested period of readings [ms]: what 115200 baud carry, and five per control period
 READY: Final = "ready"  # `WiredDevice.status` while there are readings
 
 
@@ -216,9 +208,7 @@ class WiredDevice(Device):
 
     The owner moves the bytes: `opened` and `closed` report the state of the port, `receive` takes what was read, and
     after each `exchange` and `receive`, `bytes_to_send` returns what to write. No input can make it raise.
-
-    `calibration`: calibration of the sensor; its last force limits the target. `linkage`: geometry and pulses of the
-    servos. `servo`: model of the servos, to estimate their position.
+    The last force of the calibration limits the target; the model of the servos estimates their position.
     """
 
     def __init__(self, calibration: Calibration, *, linkage: Linkage | None = None, servo: Servo | None = None) -> None:

@@ -79,9 +79,6 @@ class Audience(Watcher[NodeEvent], ABC):
 
     Everything but `_take_down` is done 60 times a second, right after a tick, so that it is over before the next one;
     no page is waited for.
-
-    `hand`: the hand that a page may take; None if the positions come from elsewhere. `say`: called with a line for the
-    person at the terminal.
     """
 
     name = "page"

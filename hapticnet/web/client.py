@@ -15,18 +15,13 @@ if TYPE_CHECKING:
 LARGEST_BACKLOG: Final = 1 << 18
 """Bytes waiting for a page above which binary messages are left out for it; a second of the watch view is 40 kB."""
 
-LONGEST_QUEUE: Final = 256
-"""Messages that wait for a page, above which it is disconnected; left out are only those that the next one replaces."""
-
+LONGEST_QUEUE: Final = 256  # messages waiting for a page, above which it is disconnected
 PARTING_S: Final = 0.5  # longest time [s] that a page has to hear why it is disconnected
 MOST_MESSAGES_PER_S: Final = 600  # messages a second from one page, above which it is disconnected; a hand sends 250
 
 
 class Client:
-    """A page and its socket.
-
-    `socket`, `transport`: its WebSocket, and the connection below.
-    """
+    """A page, its WebSocket and the connection below."""
 
     def __init__(self, view: View, socket: web.WebSocketResponse, transport: asyncio.WriteTransport) -> None:
         self.view = view  # what it may see and do

@@ -21,8 +21,7 @@ ASK_EVERY_US: Final = 200_000  # shortest time [µs] between two sessions that a
 class Controls:
     """Apply changes to a running master.
 
-    `channels`: the emulated channels at the master's end, each with its settings: feedback, then forward; none: delay
-    and loss cannot be changed. `is_fixed`: whether nothing can be changed.
+    `channels` are those at the master's end: feedback, then forward. Without them, delay and loss cannot be changed.
     """
 
     def __init__(

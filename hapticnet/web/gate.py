@@ -11,22 +11,14 @@ from collections.abc import Callable
 from typing import Any, Final
 
 PASS_S: Final = 0.001  # time [s] between two portions
-PORTION_BYTES: Final = 256
-"""Largest portion [B] that is passed on at once; a page with the hand sends 6 in a millisecond."""
-
+PORTION_BYTES: Final = 256  # largest portion [B] passed on at once; a page with the hand sends 6 in a millisecond
 BYTES_PER_S: Final = 32 * 1024
-RESERVE_BYTES: Final = 128 * 1024
-"""Limit of what all connections without a token may send together; to load a page takes 20 kB."""
-
-MOST_CONNECTIONS: Final = 128
-"""Most connections at once; one more, and the oldest without a token ends. A browser opens up to 7 for a page."""
+RESERVE_BYTES: Final = 128 * 1024  # what all connections without a token may send together; to load a page takes 20 kB
+MOST_CONNECTIONS: Final = 128  # one more, and the oldest without a token ends; a browser opens up to 7 for a page
 
 
 class Gate:
-    """Pass on what arrives on the connections of a server.
-
-    `make_protocol`: returns the server's protocol for a new connection.
-    """
+    """Pass on what arrives on the connections of a server, which makes a protocol for each."""
 
     def __init__(self, make_protocol: Callable[[], asyncio.Protocol]) -> None:
         self._make_protocol = make_protocol

@@ -38,8 +38,7 @@ def scene_called(name: str, given: SceneSettings | None = None) -> SceneSettings
 class Mirror:
     """A scene and a needle.
 
-    `settings`: the scene. `is_new`: whether the slave's scene begins with all tissues intact. Otherwise the force is
-    not known until the needle has been in front of them.
+    `is_new`: whether all tissues are intact. Else the force is not known until the needle has been in front of them.
     """
 
     def __init__(self, settings: SceneSettings, *, is_new: bool) -> None:

@@ -74,10 +74,7 @@ class TrafficMeter:
         return max(0, self._node.session.received.lost - self._lost_before)
 
     def report(self, now_s: float, *, felt: bool) -> dict[str, dict[str, float]]:
-        """Return the two directions for the state message; call this a few times a second.
-
-        `felt`: whether a force was felt since the last call.
-        """
+        """Return both directions for the state message; `felt`: whether a force was felt since the last call."""
         counts = self._count()
         if felt:
             gained = zip(self._totals, counts, self._last, strict=True)
