@@ -17,9 +17,7 @@ from hapticnet.study.rows import AnyRow, Event, answers_about
 from hapticnet.study.schedule import Schedule
 from hapticnet.study.screens import Screen, ScreenKind, Screens
 
-NO_CONSENT: Final = "no consent"
-"""Reason for the end of a session whose participant did not agree."""
-
+NO_CONSENT: Final = "no consent"  # reason for the end of a session whose participant did not agree
 KILLED: Final = "the process ended during the trial"
 
 CALM_US: Final = 1_000_000

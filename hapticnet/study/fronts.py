@@ -39,15 +39,9 @@ KEY_NAMES: Final = {
 }
 
 CLEAR: Final = "\x1b[2J\x1b[H"
-
-WIDEST: Final = 80
-"""Longest line: longer ones are hard to read."""
-
-READS_S: Final = 1.0
-"""Time [s] that an observer takes for a screen without a question."""
-
-COUNTED: Final = ("practice", "trial", "aborted", "repeated", "rating")
-"""Events after which an observer draws anew."""
+WIDEST: Final = 80  # longest line: longer ones are hard to read
+READS_S: Final = 1.0  # time [s] that an observer takes for a screen without a question
+COUNTED: Final = ("practice", "trial", "aborted", "repeated", "rating")  # events after which an observer draws anew
 
 
 class Keyboard:
@@ -111,8 +105,7 @@ class Stop:
     reason: str
 
 
-Said: TypeAlias = str | Stop
-"""What a person says: a key, or that the activity must end."""
+Said: TypeAlias = str | Stop  # what a person says: a key, or that the activity must end
 
 
 class KeyFront(ABC):
@@ -180,25 +173,18 @@ class KeyFront(ABC):
         """Show the present screen, which has changed."""
 
 
-class TerminalFront(KeyFront):
+class TerminalFront(KeyFront, Keyboard):
     """A person at a terminal, or a pipe: screens as text, answers as keys. Use it as a context manager."""
 
     def __init__(self, texts: Texts, stdin: int = 0) -> None:
-        super().__init__()
+        KeyFront.__init__(self)
+        Keyboard.__init__(self, self._type, stdin)
         self._texts = texts
-        self._keyboard = Keyboard(self._type, stdin)
         self._live = sys.stdout.isatty()
-
-    def __enter__(self) -> Self:
-        self._keyboard.__enter__()
-        return self
-
-    def __exit__(self, *exception: object) -> None:
-        self._keyboard.__exit__(*exception)
 
     def _type(self, key: str) -> None:
         # What comes through a pipe was written for all questions at once.
-        self.hear(key, self.number if key and self._keyboard.is_terminal else None)
+        self.hear(key, self.number if key and self.is_terminal else None)
 
     async def _next(self) -> Said:
         said = await super()._next()

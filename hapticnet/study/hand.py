@@ -13,8 +13,7 @@ from hapticnet.study.trial import Stimulus
 
 STEP_US: Final = 1000
 INSERTIONS: Final = 2
-MARGIN_M: Final = 2e-3
-"""A push begins so far before the surface and ends so far behind the breach."""
+MARGIN_M: Final = 2e-3  # a push begins so far before the surface and ends so far behind the breach
 
 PUSH_S: Final = 1.1
 """Duration of a push [s], of which about 0.6 s are contact. At 0.24 s, the device reaches two thirds of 5 N only."""
@@ -22,8 +21,7 @@ PUSH_S: Final = 1.1
 BETWEEN_S: Final = 0.25
 WITHDRAW_S: Final = 0.5
 REST_S: Final = 0.3
-VARIATION: Final = 0.1
-"""Durations [s], and by which share they vary. Assumptions."""
+VARIATION: Final = 0.1  # by which share these durations [s] vary; all are assumptions
 
 
 def scripted_hand(stimulus: Stimulus) -> Operator:

@@ -25,9 +25,7 @@ REACHABLE_BREACH_FORCES_N: Final = (1.8, 3.15, 4.5)
 The paper's largest, 5 N, is felt as 4.6 N: the upper gap shrinks from ln(5/3.5) = 0.357 to ln(4.54/3.33) = 0.309.
 """
 
-PLAN_FILE: Final = "plan.toml"
-"""Name of the plan within the folder of a study."""
-
+PLAN_FILE: Final = "plan.toml"  # name of the plan within the folder of a study
 ASK: Final = "ask"
 NO_CONSENT: Final = "none, because "
 """What a plan says of the consent: it is asked for on the screen, or it is not, for a reason."""
@@ -38,7 +36,6 @@ REACHED_N: Final = MAX_FORCE_N - ForceControlSettings().headroom_n
 Arrangement: TypeAlias = Literal["blocked", "interleaved"]
 Method: TypeAlias = Literal["ascending", "up-down", "bayesian"]
 UseOfJnd: TypeAlias = Literal["preferred", "required", "ignored"]
-
 Force: TypeAlias = Annotated[float, Field(gt=0.0, le=5.0)]
 Share: TypeAlias = Annotated[float, Field(gt=0.0, le=1.0)]
 Seconds: TypeAlias = Annotated[float, Field(ge=0.0, le=3600.0)]

@@ -29,17 +29,13 @@ Z_70: Final = NormalDist().inv_cdf(math.sqrt(0.5))
 LAPSE: Final = 0.02
 """Share of answers that are given without regard to the stimulus; half of them are right. An assumption."""
 
-FIRST_SHARE: Final = 0.25
-"""Difference with which a staircase begins, as a share of the reference: several JNDs."""
-
+FIRST_SHARE: Final = 0.25  # difference with which a staircase begins, as a share of the reference: several JNDs
 SMALLEST_SHARE: Final = 0.002
 FACTORS: Final = (2.0, 1.41, 1.19)
 """Factor between two differences before the first reversal, before the third, and after."""
 
-REVERSALS: Final = 10
-AVERAGED: Final = 6
-"""Reversals after which 1-up-2-down ends, and how many of the last are averaged."""
-
+REVERSALS: Final = 10  # after so many 1-up-2-down ends
+AVERAGED: Final = 6  # of the last reversals
 GRID: Final = 121
 
 

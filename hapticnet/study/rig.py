@@ -33,30 +33,19 @@ from hapticnet.study.scene import NamedTissues
 from hapticnet.study.trial import Played, Stimulus, played
 
 TICK_US: Final = 1000
-
-LEAD_US: Final = 300_000
-"""Time [µs] from the start of a presentation to the first force."""
-
-SLICE_US: Final = 100_000
-"""How often [µs] a trial in virtual time is asked for events."""
-
-SETTLE_US: Final = 300_000
-"""Time [µs] after the last motion of a script, until the device has delivered the last force."""
-
+LEAD_US: Final = 300_000  # time [µs] from the start of a presentation to the first force
+SLICE_US: Final = 100_000  # how often [µs] a trial in virtual time is asked for events
+SETTLE_US: Final = 300_000  # time [µs] after the last motion of a script, until the device has delivered the last force
 LINK_LOST: Final = "the link was lost"
-
 LIFTED: Final = "the finger was lifted"
-
 LIFTED_N: Final = 0.1
 PRESSED_N: Final = 0.5
-LIFTED_US: Final = 500_000
-"""A finger is lifted if so little is felt although so much is requested, for so long."""
+LIFTED_US: Final = 500_000  # a finger is lifted if at most LIFTED_N is felt for so long although PRESSED_N is requested
 
 RECOVERY_US: Final = 1_000_000
 """Longest time [µs] in which the force loop recovers from a fault, once it requests no force."""
 
-MakeHand: TypeAlias = Callable[[Stimulus], Operator]
-"""Makes the hand of a trial."""
+MakeHand: TypeAlias = Callable[[Stimulus], Operator]  # makes the hand of a trial
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -92,8 +81,7 @@ class Meet:
     """Let the platform meet the finger."""
 
 
-Activity: TypeAlias = Meet | Pair | Stimulus
-"""What a rig performs. A stimulus is felt until there is an answer."""
+Activity: TypeAlias = Meet | Pair | Stimulus  # what a rig performs; a stimulus until there is an answer
 
 
 @dataclass(frozen=True, slots=True)

@@ -5,7 +5,7 @@ The recordings are beside the table, and ``hapticnet info``, ``export`` and ``re
 
 import asyncio
 from collections.abc import Callable
-from contextlib import suppress
+from concurrent.futures import Future
 from dataclasses import asdict, replace
 from functools import partial
 from importlib.util import find_spec
@@ -103,28 +103,18 @@ async def conduct(
 
 async def _beside(work: Callable[[], None]) -> None:
     """Do work in a thread at normal priority, and wait for it without holding up the loop."""
-    loop = asyncio.get_running_loop()
-    done: asyncio.Future[None] = loop.create_future()
+    done = Future[None]()
+    done.set_running_or_notify_cancel()  # a session that is cancelled does not cancel the recording
 
     def body() -> None:
-        error: BaseException | None = None
         try:
             work()
-        except BaseException as caught:  # it is raised where it is awaited
-            error = caught
-        with suppress(RuntimeError):  # the loop is closed: nobody waits any more
-            loop.call_soon_threadsafe(finish, error)
-
-    def finish(error: BaseException | None) -> None:
-        if done.cancelled():
-            return
-        if error is None:
             done.set_result(None)
-        else:
+        except BaseException as error:  # it is raised where it is awaited
             done.set_exception(error)
 
     start_background(body, "recording of a trial")
-    await done
+    await asyncio.wrap_future(done)
 
 
 def usual_form(*, real_time: bool) -> RecordingForm:

@@ -18,7 +18,6 @@ from hapticnet.scene.scene import Scene
 from hapticnet.scene.settings import Tissue
 
 SCENE_SPEC: Final = "hapticnet.study.scene:NamedTissues"
-
 _NAME: Final = re.compile(r"trial \d+ of ([0-9.]{1,8}),([0-9.]{1,8}),([0-9.]{1,8}) N, ([0-9.]{1,8}) mm")
 
 

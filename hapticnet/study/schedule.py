@@ -15,12 +15,8 @@ from hapticnet.errors import FileError, SettingsError
 from hapticnet.study.plan import Plan
 
 LARGEST_SEED: Final = 2**31
-
-ORDERS: Final = tuple(permutations(range(3)))
-"""The six orders of three tissues."""
-
-CATCH_PAIRS: Final = (3, 10)
-"""Smallest and largest number of pairs in a catch series."""
+ORDERS: Final = tuple(permutations(range(3)))  # the six orders of three tissues
+CATCH_PAIRS: Final = (3, 10)  # smallest and largest number of pairs in a catch series
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

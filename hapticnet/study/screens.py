@@ -22,8 +22,7 @@ RATING_KEYS: Final = tuple("1234567")
 READ_US: Final = 1_000_000
 """Time [µs] for which feedback stays at least: a second press of Enter was meant for the screen before it."""
 
-Keys: TypeAlias = tuple[tuple[str, str], ...]
-"""Keys that do something, with what they do."""
+Keys: TypeAlias = tuple[tuple[str, str], ...]  # keys that do something, with what they do
 
 
 class ScreenKind(enum.StrEnum):

@@ -20,7 +20,6 @@ from hapticnet.study.rows import AnyRow, OrderRow, columns, from_cells, header, 
 from hapticnet.study.weber import ParticipantFile, load_participant
 
 LARGEST_TABLE: Final = 256 * 2**20
-
 SCHEDULE: Final = "schedule.json"
 LOCK: Final = ".lock"
 

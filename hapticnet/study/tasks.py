@@ -18,19 +18,14 @@ from hapticnet.study.trial import NO_MEASURES, Measures, Played, Stimulus, stimu
 
 ORDER: Final = "order"
 LIMITS: Final = "limits"
-
-PRACTICE: Final = "practice"
-"""What practice trials have in the column of the condition."""
+PRACTICE: Final = "practice"  # what practice trials have in the column of the condition
 
 TOUCHED: Final = 0.5
 """Share of its breach depth to which the needle must have pushed a tissue in before an answer is taken. The same depth
 for each, so that a refused answer tells nothing about the stiffness."""
 
 UNCOMPRESSED: Final = ConditionPlan(name=PRACTICE, codec="raw", multiplier=0.0)
-
-PARTS: Final = 3
-"""Parts of a measurement of the JND, with a break between two of them."""
-
+PARTS: Final = 3  # parts of a measurement of the JND, with a break between two of them
 ANSWERS: Final = {screens.SAME: "same", screens.DIFFERENT: "different", "1": "1", "2": "2"}
 
 

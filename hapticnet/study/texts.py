@@ -13,9 +13,7 @@ from hapticnet.documents import NOT_BLANK, STRICT, parse_document, read_document
 from hapticnet.errors import SettingsError
 from hapticnet.files import user_path
 
-SHIPPED: Final = "the texts that are shipped"
-"""What is validated without a comparison with itself."""
-
+SHIPPED: Final = "the texts that are shipped"  # what is validated without a comparison with itself
 Table: TypeAlias = dict[str, Annotated[str, NOT_BLANK, Field(max_length=4000)]]
 
 

@@ -22,8 +22,7 @@ from hapticnet.scene.settings import Tissue
 from hapticnet.study.plan import ConditionPlan, Plan
 from hapticnet.study.scene import master_name, tissues
 
-LATE_US: Final = 200_000
-"""Time [µs] after a contact during which the device may still deliver its force."""
+LATE_US: Final = 200_000  # time [µs] after a contact during which the device may still deliver its force
 
 LEAST_HELD_N: Final = 0.3
 """Held peak [N] below which a contact counts as a graze: below about 0.2 N the sensor feels nothing."""

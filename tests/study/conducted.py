@@ -146,12 +146,10 @@ class Person:
         self.now_us += round(1e6 * after_s)
         self.flow.complete(outcome or outcome_of(self.flow.activity), self.now_us)
 
-    def go_on_to(self, kind):
-        """Go on, answering as usual, until there is a screen of a kind."""
-        for _ in range(10_000):
-            if self.flow.screen.kind is kind or self.flow.done:
-                assert self.flow.screen.kind is kind
-                return
+    def walk(self):
+        """Yield each screen, and answer it as usual, until the session is over."""
+        while not self.flow.done:
+            yield self.flow.screen
             if self.flow.activity is None:
                 self.now_us = max(self.now_us, self.flow.screen.not_before_us or 0)
                 self.press(usual_key(self.flow))
@@ -159,7 +157,18 @@ class Person:
                 if isinstance(self.flow.activity, Stimulus):
                     answer(self.flow, self.flow.trial.order, self.now_us)
                 self.complete()
-        raise AssertionError("the session does not end")
+
+    def go_on_to(self, kind):
+        """Go on, answering as usual, until there is a screen of a kind."""
+        for screen in self.walk():
+            if screen.kind is kind:
+                return
+        assert self.flow.screen.kind is kind
+
+    def go_on_and_answer(self, order=None):
+        """Go on to a trial and answer it, by default right."""
+        self.go_on_to(ScreenKind.TRIAL)
+        answer(self.flow, order or self.flow.trial.order, self.now_us)
 
     def rows(self, event):
         return [row for row in self.flow.rows if row.event == event]

@@ -57,11 +57,8 @@ if TYPE_CHECKING:
     from hapticnet.runtime.watching import Watcher
 
 MOST_PARTICIPANTS: Final = 10_000
-
 NO_NOISE: Final = "masking noise: only the page plays it (--page); play white noise from another program"
-
-OnTrial: TypeAlias = Callable[[], None]
-"""Called when a trial was answered."""
+OnTrial: TypeAlias = Callable[[], None]  # called when a trial was answered
 
 
 def run(asked: LimitsOptions) -> None:

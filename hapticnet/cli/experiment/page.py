@@ -22,14 +22,9 @@ if TYPE_CHECKING:  # the page needs the extra web
     from hapticnet.study.page import ParticipantPage
     from hapticnet.web.access import Access
 
-PARTICIPANT: Final = "the participant's page: "
-"""Start of the message with the page's address."""
-
-ADDRESS_FILE: Final = ".page.json"
-"""Port and token of the page, in the folder of a session that is not over."""
-
-LEAST_TOKEN: Final = 16
-"""Fewest characters of a token."""
+PARTICIPANT: Final = "the participant's page: "  # start of the message with the page's address
+ADDRESS_FILE: Final = ".page.json"  # port and token of the page, in the folder of a session that is not over
+LEAST_TOKEN: Final = 16  # fewest characters of a token
 
 
 @dataclass(frozen=True, slots=True)
