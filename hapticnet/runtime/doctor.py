@@ -34,8 +34,6 @@ SCHEMA: Final = 2
 
 MOST_BYTES: Final = 256 * 1024  # of a file that is read
 
-GOVERNORS: Final = "/sys/devices/system/cpu/cpu*/cpufreq/scaling_governor"
-
 ENOUGH_CPUS: Final = 1.0
 FEWEST_CPUS: Final = 0.25
 """CPUs that a control group must grant. A master takes 0.07 on average and three times that while it starts."""
@@ -171,18 +169,11 @@ Probe: TypeAlias = tuple[str, Callable[[], list[Finding]]]
 
 
 def probes(machine: Machine, *, serial: SerialSpec | None = None, simavr: bool = False) -> list[Probe]:
-    """Return the probes in the order of the report.
-
-    Parameters
-    ----------
-    serial
-        The serial device that will be used; None: it is not known.
-    simavr
-        Whether the simulated device will be used.
-    """
+    """Return the probes in the order of the report; `serial` and `simavr` are devices that will be used."""
+    limits = resource.getrlimit(resource.RLIMIT_RTPRIO)
     found: list[Probe] = [
-        ("timing", lambda: [judge_timer(), judge_scheduling(machine, try_fifo())]),
-        ("processor", lambda: [_cpus(), judge_limit(machine), judge_governor(machine)]),
+        ("timing", lambda: [judge_timer(), judge_scheduling(machine, try_fifo(), limits)]),
+        ("processor", lambda: [_cpus(), judge_limit(machine)]),
         ("network", lambda: [judge_buffer(granted_bytes(), on_host=machine.container)]),
         ("serial", lambda: judge_ports(machine, find_ports(), serial)),
     ]
@@ -231,25 +222,14 @@ def try_fifo() -> str | None:
     return None
 
 
-def judge_scheduling(
-    machine: Machine, refusal: str | None, priority_limits: tuple[float, float] | None = None
-) -> Finding:
-    """Judge the scheduling class.
-
-    Parameters
-    ----------
-    refusal
-        Why SCHED_FIFO is refused; None: it is granted.
-    priority_limits
-        Soft and hard limit of real-time priorities; None: those of this process.
-    """
+def judge_scheduling(machine: Machine, refusal: str | None, limits: tuple[float, float]) -> Finding:
+    """Judge the scheduling class by why SCHED_FIFO is refused, and by the soft and hard limit of priorities."""
     named = "timing.scheduling", "Scheduling class"
     if refusal is None:
         return Finding(*named, Verdict.OK, f"SCHED_FIFO {FIFO_PRIORITY} is granted")
     value = f"SCHED_FIFO is refused: {refusal}"
     meaning = "Slave and master wait for other programs: on a busy machine, ticks are late or missed."
-    steps = _how_to_grant(machine, *(priority_limits or resource.getrlimit(resource.RLIMIT_RTPRIO)))
-    return Finding(*named, Verdict.WARNING, value, meaning, steps)
+    return Finding(*named, Verdict.WARNING, value, meaning, _how_to_grant(machine, *limits))
 
 
 def _how_to_grant(machine: Machine, soft: float, hard: float) -> tuple[Step, ...]:
@@ -309,19 +289,6 @@ def judge_limit(machine: Machine) -> Finding:
     step = Step("Give it more: CPUQuota= of a systemd service, or", "docker run --cpus 2 …")
     scale = f"good: at least {ENOUGH_CPUS:g} CPU; acceptable: {FEWEST_CPUS:g}"
     return Finding(*named, verdict, f"{cpus:.3g} CPUs", meaning, (step,), scale)
-
-
-def judge_governor(machine: Machine) -> Finding:
-    """Judge how the CPUs choose their frequency."""
-    named, names = ("processor.governor", "Frequency governor"), Counter(machine.texts(GOVERNORS))
-    value = ", ".join(f"{name or 'unknown'} on {number}" for name, number in names.most_common())
-    if not names:
-        return Finding(*named, Verdict.ABSENT, "none; firmware or host chooses the frequency")
-    if set(names) == {"performance"}:
-        return Finding(*named, Verdict.OK, value)
-    meaning = "Between ticks the CPUs slow down, and each tick starts on a slow CPU."
-    step = Step("Keep them fast until the next boot:", f"echo performance | sudo tee {GOVERNORS}")
-    return Finding(*named, Verdict.WARNING, value, meaning, (step,))
 
 
 def granted_bytes() -> int:
@@ -428,12 +395,7 @@ def examine_trial() -> list[Finding]:
 def run_trial(duration_s: float = TRIAL_S) -> dict[str, Any]:
     """Run a slave and a master at 1 kHz on loopback, and return the master's report.
 
-    Raises
-    ------
-    UnavailableError
-        If a process fails.
-    OSError
-        If they cannot be started, or there is no folder for the report.
+    Raises UnavailableError if a process fails, and OSError if one cannot be started or no temporary file be written.
     """
     children: list[Child] = []
     try:
