@@ -22,7 +22,6 @@ EXAMPLES: Final[dict[tuple[str, ...], tuple[str, ...]]] = {
     ),
     ("sweep", "run"): (
         "hapticnet sweep run studies/rate-distortion.toml --out-dir results/rates",
-        "hapticnet sweep run studies/rate-distortion.toml --repeats 100 --out-dir results/rates --jobs 8",
         "hapticnet sweep run studies/repair.toml --out-dir results/repair --scheduler tcp://192.0.2.7:8786",
     ),
     ("sweep", "show"): (
@@ -42,7 +41,6 @@ EXAMPLES: Final[dict[tuple[str, ...], tuple[str, ...]]] = {
         "hapticnet slave",
         "hapticnet slave --scene my.toml --record-dir recordings",
         "hapticnet slave --listen 0.0.0.0:47800 --key key.toml --masters masters.toml",
-        "hapticnet slave --config rig.toml --log-json 2>slave.log",
     ),
     ("master",): (
         "hapticnet master",
@@ -50,7 +48,6 @@ EXAMPLES: Final[dict[tuple[str, ...], tuple[str, ...]]] = {
         "hapticnet master --connect 192.0.2.7:47800 --peer-key KEY --device serial:auto --profile device.toml",
         "hapticnet master --operator trace:hand.csv --device none --json >report.json",
         "hapticnet master --law study/participants/03.toml",
-        "hapticnet master --metrics 127.0.0.1:9464",
         "HAPTICNET_MASTER_CODEC=raw hapticnet master --config rig.toml",
     ),
     ("encode",): (
@@ -78,7 +75,6 @@ EXAMPLES: Final[dict[tuple[str, ...], tuple[str, ...]]] = {
         "hapticnet config",
         "hapticnet config master",
         "hapticnet config --config rig.toml master --codec raw",
-        "hapticnet config --json device step",
     ),
     ("experiment", "limits"): (
         "hapticnet experiment limits --participant 03 --device serial:auto --profile device.toml",
@@ -87,7 +83,6 @@ EXAMPLES: Final[dict[tuple[str, ...], tuple[str, ...]]] = {
     ("experiment", "order"): (
         "hapticnet experiment order --participant 03 --dry-run",
         "hapticnet experiment order --participant 03 --plan reachable --device serial:auto --profile device.toml",
-        "hapticnet experiment order --participant 03 --page --device serial:auto --profile device.toml",
         "hapticnet experiment order --participant 01-08 --simulate literature --out-dir rehearsal",
     ),
     ("experiment", "texts"): ("hapticnet experiment texts >my-texts.toml",),

@@ -87,8 +87,8 @@ class Fit:
     hysteresis: float | None
 
 
-def fit_calibration(adc_counts: Sequence[float], forces_n: Sequence[float], *, knots: int = MOST_KNOTS) -> Fit:
-    """Fit the best monotone piecewise-linear table with given knots to measured pairs.
+def fit_calibration(adc_counts: Sequence[float], forces_n: Sequence[float]) -> Fit:
+    """Fit the best monotone piecewise-linear table with up to `MOST_KNOTS` knots to measured pairs.
 
     The fit minimizes the squared relative residuals, because the sensor's own errors are a fraction of the force
     (hysteresis 10 %, FSR 400 series data sheet), and so is the JND.
@@ -96,7 +96,7 @@ def fit_calibration(adc_counts: Sequence[float], forces_n: Sequence[float], *, k
     Pairs may be noisy, repeated, in any order, and taken during loading and unloading. Pairs at 0 counts do not affect
     the table, in which 0 counts are always 0 N; they still have a residual. Saturated pairs are ignored.
 
-    `adc_counts` are 0 to 1023; means may have a fraction. `knots` is the largest number of knots, 2 to 8.
+    `adc_counts` are 0 to 1023; means may have a fraction.
 
     Raise SettingsError if a value is invalid, too few pairs are usable, or the force does not increase with the counts.
 
@@ -106,7 +106,6 @@ def fit_calibration(adc_counts: Sequence[float], forces_n: Sequence[float], *, k
     >>> round(fit.calibration.force_n(300), 2)
     1.25
     """
-    check_parameter("number of calibration knots", knots, 2, MOST_KNOTS)
     counts, forces = _checked(adc_counts, forces_n)
     measured = counts <= FULL_SCALE_COUNTS - 1.0
     usable = measured & (counts > 0.0)
@@ -114,7 +113,7 @@ def fit_calibration(adc_counts: Sequence[float], forces_n: Sequence[float], *, k
     order = np.lexsort((forces[usable], counts[usable]))
     sorted_counts, sorted_forces = counts[usable][order], forces[usable][order]
     _check_usable(sorted_counts, sorted_forces, saturated=len(counts) - int(measured.sum()))
-    at = _knots(_whole(sorted_counts), min(knots, len(np.unique(sorted_forces))))
+    at = _knots(_whole(sorted_counts), min(MOST_KNOTS, len(np.unique(sorted_forces))))
     heights = np.cumsum(_steps_n(at, sorted_counts, sorted_forces))
     calibration = Calibration(tuple(at.tolist()), tuple(heights.tolist()))
     residuals = np.array([calibration.force_n(adc) for adc in counts.tolist()]) - forces

@@ -251,17 +251,3 @@ def test_the_slow_line_carries_500_readings_a_second(nano: Any) -> None:
     sequences = [reading.sequence for reading in device.messages]
     assert len(sequences) >= 48
     assert sequences == list(range(sequences[0], sequences[0] + len(sequences)))
-
-
-def test_the_same_run_twice_is_byte_identical(nano: Any) -> None:
-    def run() -> tuple[bytes, list[Any]]:
-        device = nano()
-        device.boot_and_greet()
-        device.advance(1_000, Stream(1))
-        for sequence in range(500):
-            device.advance(1_000, Setpoint(sequence, 2400 + sequence, 3000, 3900), millivolts=sequence * 7 % 5000)
-        return bytes(device.sent), device.pulses
-
-    first = run()
-    assert len(first[0]) > 9_000
-    assert run() == first
