@@ -6,7 +6,7 @@ from pathlib import Path
 
 from hapticnet.cli import INTERNAL, INTERRUPTED, READER_GONE
 from hapticnet.errors import FileError, RefusedError, SettingsError, UnavailableError
-from hapticnet.runtime.metrics_server import TABLES
+from hapticnet.runtime.metrics import TABLES
 
 DOCS = Path(__file__).parents[1] / "docs"
 METRICS = {metric.name: metric.kind for table in TABLES.values() for metric in table}

@@ -40,7 +40,6 @@ from hapticnet.recordings.session.mcap_writer import DISTURBANCES
 from hapticnet.recordings.session.recovery import refuse_if_recorded
 from hapticnet.recordings.session.session import settings_line
 from hapticnet.runtime import devices
-from hapticnet.runtime.metrics import MasterMetrics
 from hapticnet.runtime.overload import Overload, signs
 from hapticnet.runtime.recorder import MasterRecording
 from hapticnet.runtime.runners import MasterRun, master_report, run_master
@@ -183,9 +182,7 @@ def join(given: MasterOptions) -> None:
                 node, hand.operator, operator, given.device, channels, emulators,
                 lambda event: in_words(event, node, str(address)),
             )  # fmt: skip
-        watchers += watch_for_programs(
-            MasterMetrics, node, console, overload, metrics=given.metrics, status=lambda: status(node)
-        )
+        watchers += watch_for_programs(node, console, overload, metrics=given.metrics, status=lambda: status(node))
         if given.record is not None:
             about = {"seed": given.seed, "operator": operator, "device": given.device, "provenance": provenance()}
             recording = MasterRecording(node, given.record, console.warn, limit_bytes=given.record_limit, about=about)

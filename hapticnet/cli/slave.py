@@ -27,7 +27,6 @@ from hapticnet.protocol.messages import Code
 from hapticnet.protocol.settings import SessionSettings
 from hapticnet.recordings.session.archive import check_format
 from hapticnet.recordings.session.mcap_writer import DISTURBANCES
-from hapticnet.runtime.metrics import SlaveMetrics
 from hapticnet.runtime.overload import Overload
 from hapticnet.runtime.recorder import SlaveRecording
 from hapticnet.runtime.runners import run_slave, slave_report
@@ -103,7 +102,7 @@ def serve(options: SlaveOptions) -> None:
     scheduling = prefer_realtime() if options.real_time else OTHER
     overload = Overload(scheduling, console.warn)
     watchers += watch_for_programs(
-        SlaveMetrics, node, console, overload, metrics=options.metrics, status=lambda: status(node),
+        node, console, overload, metrics=options.metrics, status=lambda: status(node),
         stopping=lambda: node.draining,
     )  # fmt: skip
     terminals = [descriptor for descriptor in (0, 1, 2) if os.isatty(descriptor)]

@@ -4,13 +4,13 @@ from collections.abc import Callable
 from typing import Any
 
 from hapticnet.cli.console import Console
+from hapticnet.runtime.metrics import Metrics
 from hapticnet.runtime.overload import Overload
 from hapticnet.runtime.udp import parse_host_port
 from hapticnet.runtime.watching import Notifier, notify_socket
 
 
 def watch_for_programs(
-    make_metrics: Any,
     node: Any,
     console: Console,
     overload: Overload,
@@ -25,7 +25,7 @@ def watch_for_programs(
     """
     watchers: list[Any] = []
     if metrics is not None:
-        watchers.append(make_metrics(node, parse_host_port(metrics, lowest_port=0), overload, console.fault))
+        watchers.append(Metrics(node, parse_host_port(metrics, lowest_port=0), overload, console.fault))
         console.say(f"metrics on http://{watchers[0].address}/metrics")
     if (path := notify_socket()) is not None:
         watchers.append(Notifier(path, status, stopping))

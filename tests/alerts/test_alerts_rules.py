@@ -10,7 +10,7 @@ import pytest
 import yaml
 
 from hapticnet.node import events
-from hapticnet.runtime.metrics_server import TABLES
+from hapticnet.runtime.metrics import TABLES
 
 ROOT = Path(__file__).parents[2]
 FOLDER = ROOT / "docker" / "prometheus"
@@ -31,7 +31,7 @@ def test_an_alert_names_metrics_labels_and_events_that_exist(rule):
     assert {name for name, _ in named} <= set(METRICS)
     for name, matchers in named:
         labels = dict(re.findall(r'(\w+)=~?"([^"]*)"', matchers))
-        assert set(labels) <= {*METRICS[name].labels, "job", "instance"}
+        assert set(labels) <= {METRICS[name].label, "job", "instance"}
         assert labels.get("direction", "sent") in ("sent", "received")
         assert labels.get("event", min(EVENTS)) in EVENTS
     others = set(re.findall(r"\b(process_\w+|up)\b", rule["expr"]))

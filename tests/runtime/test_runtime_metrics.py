@@ -17,8 +17,8 @@ from prometheus_client.parser import text_string_to_metric_families as parse
 
 from hapticnet.protocol.stats import Distribution
 from hapticnet.runtime import metrics as metrics_module
-from hapticnet.runtime.metrics import MasterMetrics, Metrics, SlaveMetrics, news
-from hapticnet.runtime.metrics_server import EDGES_S, STALE_S, TABLES, Figures, histogram, serve
+from hapticnet.runtime.metrics import TABLES, Metrics, news
+from hapticnet.runtime.metrics_server import EDGES_S, STALE_S, Figures, histogram, serve
 from hapticnet.runtime.overload import Overload
 from hapticnet.runtime.udp import HostPort
 
@@ -30,7 +30,7 @@ def watched(loopback) -> Iterator[list[Metrics]]:
     """Return the metrics of a master and of its slave after two seconds in virtual time."""
     link = loopback(forward="loss=5%", feedback="loss=5%")
     overload = Overload("SCHED_FIFO 10", print)
-    made = [MasterMetrics(link.master, ANY_PORT, overload, print), SlaveMetrics(link.slave, ANY_PORT, overload, print)]
+    made = [Metrics(link.master, ANY_PORT, overload, print), Metrics(link.slave, ANY_PORT, overload, print)]
     link.run(2_000_000)
     yield made
     for each in made:
@@ -39,7 +39,7 @@ def watched(loopback) -> Iterator[list[Metrics]]:
 
 def figures_of(metrics: Metrics) -> Figures:
     """Return what the serving process shows after all frames of a node."""
-    figures = Figures(metrics.role)
+    figures = Figures(metrics.role, metrics.table())
     distributions = {name: each for name, each in metrics.distributions().items() if each is not None}
     figures.take(news(metrics.values(), **distributions))
     return figures
@@ -74,14 +74,14 @@ def server():
         each.server_close()
 
 
-def test_every_metric_of_the_table_has_a_source_and_the_other_way_round(watched):
+def test_every_metric_has_a_value_of_its_kind(watched):
     for metrics in watched:
-        described = {metric.name: metric for metric in TABLES[metrics.role]}
-        histograms = {name for name, metric in described.items() if metric.kind == "histogram"}
-        assert set(metrics.distributions()) == histograms
-        assert set(metrics.values()) == set(described) - histograms
-        for name, value in metrics.values().items():
-            assert isinstance(value, dict) == bool(described[name].labels)
+        values, distributions = metrics.values(), metrics.distributions()
+        for metric in TABLES[metrics.role]:
+            if metric.kind == "histogram":
+                assert isinstance(distributions[metric.name], Distribution | None)
+            else:
+                assert isinstance(values[metric.name], dict) == bool(metric.label)
 
 
 def test_prometheus_reads_what_the_node_counted(watched, server):
@@ -91,7 +91,7 @@ def test_prometheus_reads_what_the_node_counted(watched, server):
         code, text = get(f"{url}/metrics", accept)
         assert code == 200
         samples = {(each.name, *each.labels.values()): each.value for family in parser(text) for each in family.samples}
-        node = master._node
+        node = master.node
         assert samples["hapticnet_ticks_total",] == node.ticks > 1900
         assert samples["hapticnet_datagrams_total", "sent"] == node.session.sent.packets
         assert samples["hapticnet_datagrams_lost_total",] == node.session.received.lost > 0
@@ -99,14 +99,14 @@ def test_prometheus_reads_what_the_node_counted(watched, server):
         assert samples["hapticnet_connected",] == 1.0
     _, text = get(f"{server(figures_of(slave))}/metrics")
     samples = {(each.name, *each.labels.values()): each.value for family in parse(text) for each in family.samples}
-    (context,) = slave._node.contexts
+    (context,) = slave.node.contexts
     assert samples["hapticnet_steps_total",] == context.steps > 1800
     assert samples["hapticnet_sessions",] == 1.0
 
 
 def test_a_session_that_ends_stays_in_the_sums(loopback):
     link = loopback()
-    metrics = SlaveMetrics(link.slave, ANY_PORT, Overload("SCHED_FIFO 10", print), print)
+    metrics = Metrics(link.slave, ANY_PORT, Overload("SCHED_FIFO 10", print), print)
     link.run(500_000)
     before = metrics.values()
     link.slave.close("enough", link.now_us)
@@ -134,7 +134,7 @@ def test_a_histogram_is_that_of_the_distribution():
 
 
 def test_health_tells_whether_the_loop_still_runs(server):
-    figures = Figures("master")
+    figures = Figures("master", [])
     url = server(figures)
     assert get(f"{url}/health") == (200, "ok\n")
     figures.heard_s -= STALE_S
@@ -149,12 +149,12 @@ def test_health_tells_whether_the_loop_still_runs(server):
 def test_without_the_extra_there_is_one_clear_line(loopback, monkeypatch):
     monkeypatch.setattr(metrics_module, "find_spec", lambda _: None)
     with pytest.raises(metrics_module.UnavailableError, match=r"pip install prometheus-client"):
-        MasterMetrics(loopback().master, ANY_PORT, Overload("SCHED_FIFO 10", print), print)
+        Metrics(loopback().master, ANY_PORT, Overload("SCHED_FIFO 10", print), print)
 
 
 def test_a_serving_process_that_ends_early_is_told_once(loopback):
     told: list[str] = []
-    metrics = MasterMetrics(loopback().master, ANY_PORT, Overload("SCHED_FIFO 10", print), told.append)
+    metrics = Metrics(loopback().master, ANY_PORT, Overload("SCHED_FIFO 10", print), told.append)
 
     async def run() -> None:
         await metrics.start()
