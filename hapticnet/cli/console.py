@@ -11,7 +11,7 @@ from typing import Any, Final
 
 from hapticnet.errors import FileError, SettingsError, visible
 from hapticnet.files import check_replaceable, replacing, takes_a_stream
-from hapticnet.runtime.nonblocking_log import STDERR, Form, Level, abandon, log_line, never_block, write_watched
+from hapticnet.runtime.nonblocking_log import STDERR, Form, Level, LogLine, abandon, never_block, write_watched
 
 STALL_S: Final = 3.0  # time [s] that a process in real time waits for a reader of its report who has stopped reading
 PROGRESS_S: Final = 5.0  # time [s] between two lines that say how far a run is, where there is no status line
@@ -42,12 +42,12 @@ class Console:
     ) -> None:
         """Print a permanent line, a `needed` one even if quiet; for programs, with what happened and to what."""
         if needed or not self._quiet:
-            STDERR.line(log_line(text, who=self._name, event=event, fields=fields), needed=needed)
+            STDERR.line(LogLine(text, who=self._name, event=event, fields=fields), needed=needed)
 
     def warn(self, text: str, *, event: str | None = None, fields: Mapping[str, Any] | None = None) -> None:
         """Print a permanent line about something that works worse than it could."""
         if not self._quiet:
-            STDERR.line(log_line(text, who=self._name, level=Level.WARNING, event=event, fields=fields))
+            STDERR.line(LogLine(text, who=self._name, level=Level.WARNING, event=event, fields=fields))
 
     def fault(self, text: str) -> None:
         """Warn of something that has failed while the run goes on; report and exit code tell it, too."""
@@ -84,7 +84,7 @@ def complain(message: str) -> None:
     line = " ".join(message.split())
     if len(line) > LONGEST_ERROR:  # an invalid value may have any length; what would be right stands at the end
         line = f"{line[: LONGEST_ERROR // 2]} … {line[-LONGEST_ERROR // 2 :]}"
-    STDERR.line(log_line(line, who="hapticnet", level=Level.ERROR), needed=True)
+    STDERR.line(LogLine(line, who="hapticnet", level=Level.ERROR), needed=True)
 
 
 def deliver(

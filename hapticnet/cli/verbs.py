@@ -31,7 +31,7 @@ from hapticnet.cli.values import COMPLETED, check_values, completer
 from hapticnet.errors import HapticnetError
 from hapticnet.files import user_path
 from hapticnet.options import option_of
-from hapticnet.runtime.nonblocking_log import STDERR, Form, Level, keep_log, log_line
+from hapticnet.runtime.nonblocking_log import STDERR, Form, Level, LogLine, keep_log
 
 LOGGING: Final = {("master",), ("slave",), ("replay",)}
 """Verbs that run until they are stopped: their lines on stderr have time and level."""
@@ -208,7 +208,7 @@ def _with_home(value: Any) -> Any:
 def _warn_of_variables(ctx: typer.Context) -> None:
     verb = verb_of(ctx)
     for line in unknown_variables(verb, ctx.command, os.environ):
-        STDERR.line(log_line(line, who=" ".join(verb), level=Level.WARNING))
+        STDERR.line(LogLine(line, who=" ".join(verb), level=Level.WARNING))
 
 
 GROUPS: Final[dict[str, tuple[str, ...]]] = {

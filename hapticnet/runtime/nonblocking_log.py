@@ -11,7 +11,7 @@ import threading
 import time
 from collections.abc import Callable, Mapping
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from enum import Enum
 from queue import Empty, SimpleQueue
@@ -42,46 +42,35 @@ class Form(Enum):
 PRIORITIES: Final = {Level.INFO: 6, Level.WARNING: 4, Level.ERROR: 3}  # the levels of syslog(3)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, slots=True)
 class LogLine:
     """A message to whoever watches a process."""
 
-    time_s: float  # Unix time [s] at which it was said, which may be long before it is written
-    level: Level
-    who: str  # part of the program that says it
     text: str
-    event: str | None = None  # Name of the event that it tells, for programs; None if it tells none.
+    who: str  # part of the program that says it
+    level: Level = Level.INFO
+    event: str | None = None  # name of the event that it tells, for programs
     fields: Mapping[str, Any] | None = None  # what the event is about, for programs: master, address, codec
+    time_s: float = field(default_factory=time.time)  # Unix time at which it was said, maybe long before it is written
 
     def write(self, form: Form) -> str:
-        """Return the line, with its line end."""
+        """Return the line, with its line end. Nothing in it speaks to a terminal, whatever file or peer it quotes."""
+        text = visible(self.text)
         if form is Form.JSON:
             fields: dict[str, Any] = {"time": self._stamp(), "level": self.level.value, "source": self.who}
-            fields |= {"message": self.text, **(self.fields or {})}
+            fields |= {"message": text, **(self.fields or {})}
             if self.event is not None:
                 fields["event"] = self.event
             return json.dumps(fields, ensure_ascii=False) + "\n"
         if form is Form.STAMPED:
-            return f"{self._stamp()} {self.level.value} {self.who}: {self.text}\n"
+            return f"{self._stamp()} {self.level.value} {self.who}: {text}\n"
         if form is Form.JOURNAL:
-            return f"<{PRIORITIES[self.level]}>{self.who}: {self.text}\n"
-        return f"{self.who}: {'warning: ' * (self.level is Level.WARNING)}{self.text}\n"
+            return f"<{PRIORITIES[self.level]}>{self.who}: {text}\n"
+        return f"{self.who}: {'warning: ' * (self.level is Level.WARNING)}{text}\n"
 
     def _stamp(self) -> str:
         """Return the time in UTC (RFC 3339), so that the logs of two hosts can be compared."""
         return datetime.fromtimestamp(self.time_s, UTC).isoformat(timespec="milliseconds").replace("+00:00", "Z")
-
-
-def log_line(
-    text: str,
-    *,
-    who: str,
-    level: Level = Level.INFO,
-    event: str | None = None,
-    fields: Mapping[str, Any] | None = None,
-) -> LogLine:
-    """Return a line that is said now. Nothing in it speaks to a terminal, whatever file or peer it quotes."""
-    return LogLine(time_s=time.time(), level=level, who=who, text=visible(text), event=event, fields=fields)
 
 
 def is_journal(environment: Mapping[str, str], descriptor: int) -> bool:
@@ -188,7 +177,7 @@ class NonblockingLog:
         if count:
             self._summarised += count
             text = f"… {count:,} line{'s' * (count != 1)} left out"
-            self._write_line(log_line(text, who=self._who, level=Level.WARNING))
+            self._write_line(LogLine(text, who=self._who, level=Level.WARNING))
 
     def _write_line(self, line: LogLine) -> None:
         text = line.write(self.form)
@@ -231,7 +220,7 @@ class _LogHandler(logging.Handler):
 
     def emit(self, record: logging.LogRecord) -> None:
         level = Level.ERROR if record.levelno >= logging.ERROR else Level.WARNING
-        STDERR.line(log_line(self.format(record), who=record.name, level=level))
+        STDERR.line(LogLine(self.format(record), who=record.name, level=level))
 
 
 def never_block() -> None:

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Final
 
 from hapticnet.errors import RunError, UserCodeError
 from hapticnet.interrupts import TakesSignals
-from hapticnet.runtime.nonblocking_log import STDERR, Level, log_line
+from hapticnet.runtime.nonblocking_log import STDERR, Level, LogLine
 from hapticnet.runtime.system import start_background
 
 if TYPE_CHECKING:
@@ -81,7 +81,7 @@ class Rescue:
 
     def _give_up(self, main: int) -> None:
         self.faults.append(f"{place_of(main)} does not return")
-        STDERR.line(log_line(f"{self.faults[-1]}: ended without it", who="hapticnet", level=Level.ERROR), needed=True)
+        STDERR.line(LogLine(f"{self.faults[-1]}: ended without it", who="hapticnet", level=Level.ERROR), needed=True)
         with suppress(Exception):
             self._deliver()
         STDERR.drain()

@@ -60,11 +60,12 @@ class Process:
 
 @pytest.fixture
 def start(tmp_path: Path) -> Iterator[Callable[..., Process]]:
-    """Return what starts a process; those still running at the end of the test are killed."""
+    """Return what starts a process, without real-time scheduling; those that still run at the end are killed."""
     started: list[Process] = []
 
     def start_process(*arguments: str, prefix: tuple[str, ...] = ()) -> Process:
-        process = Process(list(arguments), list(prefix), tmp_path)
+        more = ["--no-real-time"] if arguments[0] in ("slave", "master", "replay") else []
+        process = Process([*arguments, *more], list(prefix), tmp_path)
         started.append(process)
         return process
 
@@ -76,7 +77,17 @@ def start(tmp_path: Path) -> Iterator[Callable[..., Process]]:
 
 
 @pytest.fixture
-def slave(start: Callable[..., Process]) -> tuple[Process, str]:
-    """Return a slave on a free port, and its address."""
-    process = start("slave", "--listen", "127.0.0.1:0", "--scene", "paper:1", "--json")
-    return process, process.wait_for(r"listening on ([\d.]+:\d+)").group(1)
+def serve(start: Callable[..., Process]) -> Callable[..., tuple[Process, str]]:
+    """Return what starts a slave on a free port, and returns it and its address."""
+
+    def start_slave(*arguments: str, prefix: tuple[str, ...] = ()) -> tuple[Process, str]:
+        process = start("slave", "--listen", "127.0.0.1:0", *arguments, prefix=prefix)
+        return process, process.wait_for(r"listening on ([\d.]+:\d+)").group(1)
+
+    return start_slave
+
+
+@pytest.fixture
+def slave(serve: Callable[..., tuple[Process, str]]) -> tuple[Process, str]:
+    """Return a slave with a scene of the paper, and its address."""
+    return serve("--scene", "paper:1", "--json")

@@ -37,8 +37,6 @@ breach_force_n = 3.0
 PIERCE = {0.0: 0.0, 0.3: 0.034, 0.8: 0.034, 0.9: 0.06, 1.1: 0.032, 100.0: 0.032}
 """Press the skin with 2.8 N for half a second, pierce it, and rest where it would press with 2.4 N if it were whole."""
 
-FAST = ("--no-real-time",)
-
 
 @pytest.fixture
 def paths() -> Iterator[Callable[[str], OnPath]]:
@@ -69,24 +67,22 @@ def keys(request: pytest.FixtureRequest, tmp_path: Path) -> tuple[tuple[str, ...
     return slaves, ("--key", str(tmp_path / "master.key"), "--peer-key", format_key(slave.public))
 
 
-def started(start: Callable[..., Process], scene: str, folder: Path, keys: tuple[str, ...]) -> tuple[Process, str]:
+def started(serve: Callable[..., tuple], scene: str, folder: Path, keys: tuple[str, ...]) -> tuple[Process, str]:
     """Return a slave with a scene, and its address."""
     (folder / "scene.toml").write_text(scene)
-    arguments = ("--scene", str(folder / "scene.toml"), "--json", *keys, *FAST)
-    process = start("slave", "--listen", "127.0.0.1:0", *arguments)
-    return process, process.wait_for(r"listening on ([\d.]+:\d+)").group(1)
+    return serve("--scene", str(folder / "scene.toml"), "--json", *keys)
 
 
 @pytest.fixture
-def gel(start: Callable[..., Process], tmp_path: Path, keys: tuple[tuple[str, ...], ...]) -> tuple[Process, str]:
+def gel(serve: Callable[..., tuple], tmp_path: Path, keys: tuple[tuple[str, ...], ...]) -> tuple[Process, str]:
     """Return a slave with a scene that is never pierced, and its address."""
-    return started(start, GEL, tmp_path, keys[0])
+    return started(serve, GEL, tmp_path, keys[0])
 
 
 @pytest.fixture
-def skin(start: Callable[..., Process], tmp_path: Path, keys: tuple[tuple[str, ...], ...]) -> tuple[Process, str]:
+def skin(serve: Callable[..., tuple], tmp_path: Path, keys: tuple[tuple[str, ...], ...]) -> tuple[Process, str]:
     """Return a slave with a scene for `PIERCE`, and its address."""
-    return started(start, SKIN, tmp_path, keys[0])
+    return started(serve, SKIN, tmp_path, keys[0])
 
 
 class Operated:
@@ -104,7 +100,7 @@ class Operated:
         (folder / "trace.csv").write_text(f"time_s,position_m\n{rows}\n")
         self._record = folder / "master.csv"
         operator = ("--operator", f"trace:{folder / 'trace.csv'}", "--record", str(self._record))
-        arguments = (*operator, "--duration", "60", "--rate", "500", "--json", *keys[1], *FAST)
+        arguments = (*operator, "--duration", "60", "--rate", "500", "--json", *keys[1])
         self.process = start("master", "--connect", address, *arguments)
         self.process.wait_for("connected to")
         self._connected_s = time.monotonic()
@@ -132,7 +128,7 @@ def ahead(data: bytes, leap: int) -> bytes:
     return pack(true.kind, true.session, (true.sequence + leap) % 2**32, true.body, true.version)
 
 
-@pytest.mark.parametrize(("victim", "leap"), [("master", 50), ("master", 32_767), ("slave", 2_999)])
+@pytest.mark.parametrize(("victim", "leap"), [("master", 50), ("slave", 2_999)])
 def test_one_datagram_with_a_sequence_far_ahead_deafens_nobody(start, gel, paths, keys, tmp_path, victim, leap):
     """N1: a master was deaf for good, and a slave for 33 s."""
     server, address = gel

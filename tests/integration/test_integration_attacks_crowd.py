@@ -20,7 +20,6 @@ from tests.integration.conftest import Process
 from tests.integration.on_path import OnPath, drop, late, pass_on
 from tests.integration.unknown_peers import Client, Forger, now_us, parse, pump
 
-FAST = ("--no-real-time",)
 ELSEWHERE = "127.0.0.66"
 """A host from which nobody works; all of 127/8 is this machine."""
 
@@ -103,7 +102,7 @@ class Askers:
 def test_requests_that_are_costly_slow_nobody_down(start, slave):
     """N4: 1,000 a second made the round trip of others 1.5 s."""
     server, address = slave
-    master = start("master", "--connect", address, "--duration", "2", "--rate", "500", "--json", *FAST)
+    master = start("master", "--connect", address, "--duration", "2", "--rate", "500", "--json")
     master.wait_for("connected to")
     askers = Askers(address, per_s=500.0)
     run_for(2.0, askers.pump)
@@ -122,7 +121,7 @@ def test_a_newcomer_gets_in_through_a_flood_of_forged_requests(start, slave):
     path.forward = path.feedback = late(0.04)
     flood = Forger(address, forged_hello, per_s=1_000.0)
     run_for(0.5, flood.pump)
-    newcomer = start("master", "--connect", path.address, "--duration", "1", "--rate", "200", "--json", *FAST)
+    newcomer = start("master", "--connect", path.address, "--duration", "1", "--rate", "200", "--json")
     while newcomer.process.poll() is None:
         run_for(0.02, flood.pump)
     flood.close()
@@ -139,7 +138,7 @@ def test_one_host_cannot_take_all_seats(start, slave, clients, tmp_path):
     path = OnPath(address)
     record = tmp_path / "master.csv"
     arguments = ("--connect", path.address, "--duration", "60", "--rate", "200", "--record", str(record), "--json")
-    master = start("master", *arguments, *FAST)
+    master = start("master", *arguments)
     master.wait_for("connected to")
     crowd = [clients(address, host=ELSEWHERE, settings=MasterSettings(rate_hz=20.0)) for _ in range(64)]
     pump(crowd, lambda: sum(each.node.connected for each in crowd) >= 64, within_s=2.0)
@@ -149,7 +148,7 @@ def test_one_host_cannot_take_all_seats(start, slave, clients, tmp_path):
     path.forward = path.feedback = pass_on
     pump(crowd, lambda: False, within_s=1.5)
     assert master.process.poll() is None, master.said()
-    newcomer = start("master", "--connect", address, "--duration", "0.5", "--rate", "200", "--json", *FAST)
+    newcomer = start("master", "--connect", address, "--duration", "0.5", "--rate", "200", "--json")
     while newcomer.process.poll() is None:
         pump(crowd, lambda: False, within_s=0.02)
     assert newcomer.process.wait(1) == 0, newcomer.said()
@@ -160,19 +159,18 @@ def test_one_host_cannot_take_all_seats(start, slave, clients, tmp_path):
     assert len(read_csv(record)["t_us"]) > 100
 
 
-def test_a_master_that_finds_no_seat_any_more_writes_its_report_and_recording(start, clients, tmp_path):
+def test_a_master_that_finds_no_seat_any_more_writes_its_report_and_recording(start, serve, clients, tmp_path):
     """N7: it ended without either."""
-    server = start("slave", "--listen", "127.0.0.1:0", "--most-sessions", "1", *FAST)
-    address = server.wait_for(r"listening on ([\d.]+:\d+)").group(1)
+    server, address = serve("--most-sessions", "1")
     path = OnPath(address)
     record, report = tmp_path / "master.csv", tmp_path / "master.json"
     arguments = ("--connect", path.address, "--duration", "60", "--rate", "200", "--record", str(record))
-    master = start("master", *arguments, "--report", str(report), *FAST)
+    master = start("master", *arguments, "--report", str(report))
     master.wait_for("connected to")
     time.sleep(0.5)  # for a hundred samples
     path.forward = path.feedback = drop
     server.end()
-    other = start("slave", "--listen", address, "--most-sessions", "1", *FAST)
+    other = start("slave", "--listen", address, "--most-sessions", "1")
     other.wait_for("listening on")
     rival = clients(address, host=ELSEWHERE, settings=MasterSettings(rate_hz=50.0))
     assert pump([rival], lambda: rival.node.session.round_trip.count > 0, within_s=5.0)
@@ -184,11 +182,10 @@ def test_a_master_that_finds_no_seat_any_more_writes_its_report_and_recording(st
     assert len(read_csv(record)["t_us"]) > 100
 
 
-def test_sessions_that_come_and_go_cost_neither_files_nor_memory_without_end(start, tmp_path):
+def test_sessions_that_come_and_go_cost_neither_files_nor_memory_without_end(serve, tmp_path):
     """N8: 16,797 sessions of one step in 8 s, as many files, and 118 MB more."""
     folder = tmp_path / "recordings"
-    server = start("slave", "--listen", "127.0.0.1:0", "--record-dir", str(folder), "--json", *FAST)
-    address = server.wait_for(r"listening on ([\d.]+:\d+)").group(1)
+    server, address = serve("--record-dir", str(folder), "--json")
     before_mb = memory_mb(server)
     came = 0
     end_s = time.monotonic() + 3.0
@@ -245,7 +242,7 @@ def test_no_number_of_a_slave_follows_from_its_seed(start, clients):
     """N12: session numbers came from a generator whose outputs tell its state."""
     numbers = []
     for _ in range(2):
-        server = start("slave", "--listen", "127.0.0.1:0", "--seed", "7", "--json", *FAST)
+        server = start("slave", "--listen", "127.0.0.1:0", "--seed", "7", "--json")
         client = clients(server.wait_for(r"listening on ([\d.]+:\d+)").group(1))
         assert pump([client], lambda: client.node.session.round_trip.count > 0, within_s=5.0)  # noqa: B023
         assert server.end() == 0

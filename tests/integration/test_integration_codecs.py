@@ -11,8 +11,6 @@ import pytest
 from tests.cli.test_cli_errors import REFUSED
 from tests.ready import ROOT, hapticnet
 
-FAST = ("--no-real-time",)
-
 CODEC = '''
 import struct
 from dataclasses import dataclass, field
@@ -69,10 +67,9 @@ def codec(tmp_path: Path) -> str:
     return f"{tmp_path / 'every.py'}:Every"
 
 
-def test_master_and_slave_speak_it_and_the_masters_parameters_count(start, codec):
-    server = start("slave", "--listen", "127.0.0.1:0", "--json", "--add-codec", codec)
-    address = server.wait_for(r"listening on ([\d.]+:\d+)").group(1)
-    master = start("master", "--connect", address, "--codec", f"{codec}:step=10", "--duration", "1", "--json", *FAST)
+def test_master_and_slave_speak_it_and_the_masters_parameters_count(start, serve, codec):
+    server, address = serve("--json", "--add-codec", codec)
+    master = start("master", "--connect", address, "--codec", f"{codec}:step=10", "--duration", "1", "--json")
     assert master.process.wait(30) == 0, master.said()
     assert server.end() == 0
     (session,) = server.report()["sessions"]
@@ -83,7 +80,7 @@ def test_master_and_slave_speak_it_and_the_masters_parameters_count(start, codec
 
 def test_a_slave_without_it_refuses_and_imports_nothing(start, slave, codec):
     server, address = slave
-    master = start("master", "--connect", address, "--codec", codec, "--duration", "1", *FAST)
+    master = start("master", "--connect", address, "--codec", codec, "--duration", "1")
     assert master.process.wait(30) == REFUSED
     assert "refused the session: unknown codec 'every'; there are: raw, deadband" in master.said()
     assert server.end() == 0

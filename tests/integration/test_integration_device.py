@@ -10,7 +10,6 @@ import pytest
 
 from hapticnet.runtime.nano import BUILD_VARIABLE
 
-FAST = ("--no-real-time",)
 FIRMWARE = Path(__file__).parents[2] / "firmware"
 PATIENCE_S = 60.0
 
@@ -63,7 +62,7 @@ def plug_in(simulator: None, start: Callable[..., Any], tmp_path: Path) -> Calla
 def test_an_insertion_is_felt_through_a_serial_line_and_the_report_tells_of_it(start, slave, plug_in):
     _, address = slave
     device, port = plug_in()
-    master = start("master", "--connect", address, "--device", port, "--insertions", "1", "--json", *FAST)
+    master = start("master", "--connect", address, "--device", port, "--insertions", "1", "--json")
     assert master.process.wait(PATIENCE_S) == 0, master.said()
     assert "device ready: device on a serial line, firmware 0.1.0" in master.said()
     assert "not calibrated" in master.said()
@@ -78,7 +77,7 @@ def test_an_insertion_is_felt_through_a_serial_line_and_the_report_tells_of_it(s
 def test_an_unplugged_device_costs_no_session_and_is_taken_up_again(start, slave, plug_in, tmp_path):
     server, address = slave
     device, port = plug_in()
-    master = start("master", "--connect", address, "--device", port, "--duration", "120", "--json", *FAST)
+    master = start("master", "--connect", address, "--device", port, "--duration", "120", "--json")
     master.wait_for("connected to")
     for _ in range(2):
         master.wait_for(READY)
@@ -99,7 +98,7 @@ def test_an_unplugged_device_costs_no_session_and_is_taken_up_again(start, slave
 
 def test_a_master_brings_its_own_simulated_nano_and_ends_it(start, slave, simulator):  # noqa: ARG001
     _, address = slave
-    master = start("master", "--connect", address, "--device", "simavr:0.6", "--duration", "3", "--json", *FAST)
+    master = start("master", "--connect", address, "--device", "simavr:0.6", "--duration", "3", "--json")
     assert master.process.wait(PATIENCE_S) == 0, master.said()
     account = master.report()
     assert account["end_reason"] == "done"
@@ -138,7 +137,7 @@ def test_a_wrong_port_is_one_line_and_an_exit_code(start, arguments, complaint, 
 def test_a_port_in_use_is_said_to_be_and_its_user_not_disturbed(start, slave, plug_in):
     _, address = slave
     _, port = plug_in()
-    master = start("master", "--connect", address, "--device", port, "--duration", "120", "--json", *FAST)
+    master = start("master", "--connect", address, "--device", port, "--duration", "120", "--json")
     master.wait_for("device ready")
     info = start("device", "info", port)
     assert info.process.wait(PATIENCE_S) == 4

@@ -5,7 +5,7 @@ import time
 
 import pytest
 
-FAST = ("--no-real-time", "--json")
+FAST = ("--json",)
 OWN = """
 class Interrupts:
     calls = 0
@@ -42,9 +42,8 @@ def hammer(process):
 
 
 @pytest.mark.parametrize("options", [(), ("--drain", "30")], ids=["plain", "drain"])
-def test_no_number_of_signals_costs_a_slave_its_report_or_its_code(start, options):
-    slave = start("slave", "--listen", "127.0.0.1:0", *options, *FAST)
-    address = slave.wait_for(r"listening on ([\d.]+:\d+)").group(1)
+def test_no_number_of_signals_costs_a_slave_its_report_or_its_code(start, serve, options):
+    slave, address = serve(*options, *FAST)
     master = start("master", "--connect", address, "--duration", "60", *FAST)
     slave.wait_for("joined")
     assert hammer(slave) == 0
@@ -61,10 +60,9 @@ def test_no_number_of_signals_costs_a_slave_its_report_or_its_code(start, option
         ("ExitsInABound", "ExitsInABound.stiffness_bound raised SystemExit"),
     ],
 )
-def test_a_scene_that_raises_what_a_signal_would_fails_like_any_other(start, tmp_path, kind, said):
+def test_a_scene_that_raises_what_a_signal_would_fails_like_any_other(start, serve, tmp_path, kind, said):
     (tmp_path / "own.py").write_text(OWN)
-    slave = start("slave", "--listen", "127.0.0.1:0", "--scene", f"{tmp_path}/own.py:{kind}", *FAST)
-    address = slave.wait_for(r"listening on ([\d.]+:\d+)").group(1)
+    slave, address = serve("--scene", f"{tmp_path}/own.py:{kind}", *FAST)
     for _ in range(2):
         master = start("master", "--connect", address, "--positions", "line", *FAST)
         assert master.process.wait(20) == 4

@@ -3,15 +3,13 @@
 import signal
 import time
 
-import pytest
+from hapticnet.runtime import signals
+from tests.integration.conftest import PATIENCE_S
 
-from hapticnet.runtime.signals import CONCLUDE_S, PATIENCE_S, TRIES
-
-FAST = ("--no-real-time",)
-BOUND_S = (TRIES + 1) * PATIENCE_S + CONCLUDE_S
+BOUND_S = (signals.TRIES + 1) * signals.PATIENCE_S + signals.CONCLUDE_S
 
 OWN = """
-import time
+import os, time
 
 class Loops:
     calls = 0
@@ -28,20 +26,23 @@ class Loops:
         self.hang()
 
     def hang(self):
-        self.calls += 1
-        while self.calls > 100:
+        while self.is_due():
             pass
+
+    def is_due(self):
+        self.calls += 1
+        if self.calls == 100:
+            open(f"{__file__}.{os.getpid()}", "w").close()
+        return self.calls >= 100
 
 class Waits(Loops):
     def hang(self):
-        self.calls += 1
-        if self.calls > 100:
+        if self.is_due():
             time.sleep(600)
 
 class Deaf(Loops):
     def hang(self):
-        self.calls += 1
-        while self.calls > 100:
+        while self.is_due():
             try:
                 time.sleep(0.01)
             except BaseException:
@@ -56,42 +57,43 @@ class ClosesNever(Loops):
 """
 
 
-def ends(process, number):
-    """Send a signal; return the exit code, if it comes in time."""
-    time.sleep(0.5)  # by then it hangs
-    process.process.send_signal(number)
-    return process.process.wait(BOUND_S + 10.0)
+KINDS = {
+    "Loops": (signal.SIGINT, r"Loops\.\w+ \(own\.py, line \d+\) did not return within 2 s"),
+    "Waits": (signal.SIGTERM, r"Waits\.hang \(own\.py, line \d+\) did not return within 2 s"),
+    "Deaf": (signal.SIGINT, r"Deaf\.\w+ \(own\.py, line \d+\) does not return"),
+    "ClosesNever": (signal.SIGTERM, r"ClosesNever\.close \(own\.py, line \d+\) did not return within 2 s"),
+}
 
 
-@pytest.mark.parametrize(
-    ("kind", "number", "said"),
-    [
-        ("Loops", signal.SIGINT, r"Loops\.hang \(own\.py, line \d+\) did not return within 2 s"),
-        ("Waits", signal.SIGTERM, r"Waits\.hang \(own\.py, line \d+\) did not return within 2 s"),
-        ("Deaf", signal.SIGINT, r"Deaf\.hang \(own\.py, line \d+\) does not return"),
-        ("ClosesNever", signal.SIGTERM, r"ClosesNever\.close \(own\.py, line \d+\) did not return within 2 s"),
-    ],
-)
-def test_a_slave_whose_scene_hangs_ends_with_a_report(start, tmp_path, kind, number, said):
+def test_masters_and_slaves_whose_user_code_hangs_end_with_a_report(start, serve, slave, tmp_path):
+    """All at once, because each takes seconds to end."""
     (tmp_path / "own.py").write_text(OWN)
-    scene = f"{tmp_path}/own.py:{kind}"
-    server = start("slave", "--listen", "127.0.0.1:0", "--scene", scene, "--json", *FAST)
-    address = server.wait_for(r"listening on ([\d.]+:\d+)").group(1)
-    start("master", "--connect", address, "--duration", "60", *FAST)
-    server.wait_for("joined")
-    assert ends(server, number) == 1
-    server.wait_for(said)
-    report = server.report()
-    assert "does not return" in report["faults"][-1] or "did not return" in report["faults"][-1]
-    assert report["sessions"]
-
-
-@pytest.mark.parametrize("option", ["--operator", "--device"])
-def test_a_master_whose_user_code_hangs_ends_with_a_report(start, slave, tmp_path, option):
-    (tmp_path / "own.py").write_text(OWN)
-    _, address = slave
-    master = start("master", "--connect", address, option, f"{tmp_path}/own.py:Loops", "--json", *FAST)
-    master.wait_for("connected to")
-    assert ends(master, signal.SIGTERM) in (1, 4)
-    master.wait_for(r"Loops\.hang \(own\.py, line \d+\)")
-    assert master.report()["faults"]
+    servers = {}
+    for kind in KINDS:
+        servers[kind], address = serve("--scene", f"{tmp_path}/own.py:{kind}", "--json")
+        start("master", "--connect", address, "--duration", "60")
+    masters = [
+        start("master", "--connect", slave[1], option, f"{tmp_path}/own.py:Loops", "--json")
+        for option in ("--operator", "--device")
+    ]
+    for server in servers.values():
+        server.wait_for("joined")
+    hanging = [server for kind, server in servers.items() if kind != "ClosesNever"] + masters
+    deadline = time.monotonic() + PATIENCE_S
+    while not all((tmp_path / f"own.py.{process.process.pid}").exists() for process in hanging):
+        assert time.monotonic() < deadline
+        time.sleep(0.01)
+    for kind, (number, _) in KINDS.items():
+        servers[kind].process.send_signal(number)
+    for master in masters:
+        master.process.send_signal(signal.SIGTERM)
+    for kind, (_, said) in KINDS.items():
+        assert servers[kind].process.wait(BOUND_S + 10.0) == 1
+        servers[kind].wait_for(said)
+        report = servers[kind].report()
+        assert "does not return" in report["faults"][-1] or "did not return" in report["faults"][-1]
+        assert report["sessions"]
+    for master in masters:
+        assert master.process.wait(BOUND_S + 10.0) in (1, 4)
+        master.wait_for(r"Loops\.\w+ \(own\.py, line \d+\)")
+        assert master.report()["faults"]

@@ -13,7 +13,7 @@ import pytest
 from tests.cli.test_cli_errors import REFUSED, THE_ERROR, UNAVAILABLE
 from tests.ready import ROOT, hapticnet
 
-FAST = ("--no-real-time", "--device", "none")
+FAST = ("--device", "none")
 
 
 def make_key(path, name):
@@ -44,13 +44,12 @@ def keys(tmp_path):
 
 
 @pytest.fixture
-def sealed(start, keys) -> Callable[..., tuple]:
+def sealed(serve, keys) -> Callable[..., tuple]:
     """Return what starts a slave with the keys, and returns it with its address."""
 
     def start_slave(*more: str):
         own = ("--key", str(keys.folder / "slave.toml"), "--masters", str(keys.list))
-        process = start("slave", "--listen", "127.0.0.1:0", "--no-real-time", "--json", *own, *more)
-        return process, process.wait_for(r"listening on ([\d.]+:\d+)").group(1)
+        return serve("--json", *own, *more)
 
     return start_slave
 
@@ -230,22 +229,24 @@ default_properties = fips=yes
 """
 
 
-def test_where_openssl_has_not_the_algorithms_sealed_sessions_are_refused_and_open_ones_work(start, keys, tmp_path):
+def test_where_openssl_has_not_the_algorithms_sealed_sessions_are_refused_and_open_ones_work(
+    start, serve, keys, tmp_path
+):
     """As in FIPS mode; this OpenSSL has no FIPS provider at all, so it is left with no algorithm."""
     (tmp_path / "openssl.cnf").write_text(FIPS_ONLY)
     without = ("env", f"OPENSSL_CONF={tmp_path / 'openssl.cnf'}")
-    slave = start("slave", "--listen", "127.0.0.1:0", "--no-real-time", prefix=without)
-    address = slave.wait_for(r"listening on ([\d.]+:\d+)").group(1)
-    master = start("master", "--connect", address, "--duration", "0.5", *FAST, prefix=without)
-    assert master.process.wait(20) == 0, master.said()
     sealed_slave = ("--key", str(keys.folder / "slave.toml"), "--masters", str(keys.list))
     commands = (
         ("slave", "--listen", "127.0.0.1:0", *sealed_slave),
-        ("master", "--connect", address, *keys.of("first"), *FAST),
+        ("master", "--connect", "127.0.0.1:9", *keys.of("first"), *FAST),
         ("key", "new", str(tmp_path / "new.toml")),
         ("key", "public", str(keys.folder / "slave.toml")),
     )
-    for refused in [start(*arguments, prefix=without) for arguments in commands]:
+    started = [start(*arguments, prefix=without) for arguments in commands]
+    _, address = serve(prefix=without)
+    master = start("master", "--connect", address, "--duration", "0.2", *FAST, prefix=without)
+    assert master.process.wait(20) == 0, master.said()
+    for refused in started:
         assert refused.process.wait(20) == UNAVAILABLE
         assert "need X25519 and ChaCha20-Poly1305, and OpenSSL has not both here, as in FIPS mode" in refused.said()
         assert "Traceback" not in refused.said()

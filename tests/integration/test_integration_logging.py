@@ -9,8 +9,6 @@ import pytest
 
 from tests.ready import hapticnet
 
-FAST = ("--no-real-time",)
-
 
 def lines_of(process):
     return [json.loads(line) for line in process.said().splitlines()]
@@ -40,10 +38,9 @@ def test_what_is_wrong_with_options_is_told_in_json_too(arguments, environment, 
     assert line["message"]
 
 
-def test_lines_about_masters_have_fields_for_programs(start):
-    server = start("slave", "--listen", "127.0.0.1:0", "--scene", "paper:1", "--log-json", *FAST)
-    address = server.wait_for(r"listening on ([\d.]+:\d+)").group(1)
-    master = start("master", "--connect", address, "--name", "left", "--codec", "raw", "--log-json", *FAST)
+def test_lines_about_masters_have_fields_for_programs(start, serve):
+    server, address = serve("--scene", "paper:1", "--log-json")
+    master = start("master", "--connect", address, "--name", "left", "--codec", "raw", "--log-json")
     master.wait_for("connected to")
     assert master.end() == 0
     server.wait_for("left: the master closed")
@@ -56,13 +53,12 @@ def test_lines_about_masters_have_fields_for_programs(start):
     assert (connected["master"], connected["address"], connected["codec"]) == ("left", address, "raw")
 
 
-def test_options_without_effect_are_told_once(start, tmp_path):
+def test_options_without_effect_are_told_once(start, serve, tmp_path):
     (tmp_path / "own.py").write_text("class Spring:\n    def step(self, sample):\n        return 1.0\n")
     scene = f"{tmp_path}/own.py:Spring"
-    server = start("slave", "--listen", "127.0.0.1:0", "--scene", scene, "--record-format", "mcap", *FAST)
-    address = server.wait_for(r"listening on ([\d.]+:\d+)").group(1)
+    server, address = serve("--scene", scene, "--record-format", "mcap")
     given = ("--announced", "--positions", "line", "--device", "none", "--first-touch", "--record-limit", "1000000")
-    master = start("master", "--connect", address, *given, *FAST)
+    master = start("master", "--connect", address, *given)
     for option in ("--announced", "--positions line", "--first-touch", "--record-limit"):
         master.wait_for(f"warning master: {option} has no effect: ")
     assert master.end() == 0
@@ -72,7 +68,7 @@ def test_options_without_effect_are_told_once(start, tmp_path):
 
 
 def test_a_process_beside_a_slave_that_died_is_told_once_in_log_report_and_exit_code(start):
-    server = start("slave", "--listen", "127.0.0.1:0", "--metrics", "127.0.0.1:0", "--json", *FAST)
+    server = start("slave", "--listen", "127.0.0.1:0", "--metrics", "127.0.0.1:0", "--json")
     server.wait_for("listening on")
     (helper,) = Path(f"/proc/{server.process.pid}/task/{server.process.pid}/children").read_text().split()
     os.kill(int(helper), signal.SIGKILL)
@@ -84,9 +80,9 @@ def test_a_process_beside_a_slave_that_died_is_told_once_in_log_report_and_exit_
 
 
 def test_what_lets_other_hosts_in_is_a_warning(start):
-    master = start("master", "--page", "0.0.0.0:0", "--connect", "127.0.0.1:9", "--log-json", *FAST)
+    master = start("master", "--page", "0.0.0.0:0", "--connect", "127.0.0.1:9", "--log-json")
     master.wait_for("other hosts can reach the page")
-    hand = start("master", "--operator", "udp:0.0.0.0:0", "--connect", "127.0.0.1:9", "--log-json", *FAST)
+    hand = start("master", "--operator", "udp:0.0.0.0:0", "--connect", "127.0.0.1:9", "--log-json")
     hand.wait_for("can move the tool")
     for process, words in ((master, "other hosts can reach"), (hand, "can move the tool")):
         assert process.end() == 0

@@ -8,13 +8,12 @@ from hapticnet.experiment.analysis import CONDITIONS
 from hapticnet.experiment.demo import Played, disturbances
 
 PATIENCE_S = 20.0
-FAST = ("--no-real-time",)
 
 
 def test_a_slave_that_was_stopped_tells_what_waited_and_what_was_dropped(start, slave):
     server, address = slave
     host, port = address.split(":")
-    master = start("master", "--connect", address, "--rate", "200", "--duration", "60", *FAST)
+    master = start("master", "--connect", address, "--rate", "200", "--duration", "60")
     server.wait_for("joined")
     for number in (1, 2):  # before the first stop it may still be starting, which is no overload
         server.process.send_signal(signal.SIGSTOP)
@@ -37,7 +36,7 @@ def test_a_slave_that_was_stopped_tells_what_waited_and_what_was_dropped(start, 
 
 def test_a_master_that_was_stopped_tells_the_ticks_it_missed(start, slave):
     _, address = slave
-    master = start("master", "--connect", address, "--duration", "60", "--json", *FAST)
+    master = start("master", "--connect", address, "--duration", "60", "--json")
     master.wait_for("connected to")
     deadline = time.monotonic() + PATIENCE_S
     while "ticks were missed within a second" not in master.said():
@@ -84,11 +83,10 @@ class Slow:
 """
 
 
-def test_a_scene_that_is_too_slow_is_named_by_the_slave_and_told_by_the_master(start, tmp_path):
+def test_a_scene_that_is_too_slow_is_named_by_the_slave_and_told_by_the_master(start, serve, tmp_path):
     (tmp_path / "own.py").write_text(SLOW)
-    server = start("slave", "--listen", "127.0.0.1:0", "--scene", f"{tmp_path}/own.py:Slow", "--json", *FAST)
-    address = server.wait_for(r"listening on ([\d.]+:\d+)").group(1)
-    master = start("master", "--connect", address, "--duration", "60", "--json", *FAST)
+    server, address = serve("--scene", f"{tmp_path}/own.py:Slow", "--json")
+    master = start("master", "--connect", address, "--duration", "60", "--json")
     named = (
         r"warning slave: scene \S+own.py:Slow is too slow: a step takes \S+ ms, at most \S+ ms, and is due every 1 ms"
     )
@@ -109,7 +107,7 @@ def test_an_operator_that_is_too_slow_is_named_by_the_master(start, slave, tmp_p
     (tmp_path / "own.py").write_text(SLOW)
     server, address = slave
     operator = f"{tmp_path}/own.py:Slow"
-    master = start("master", "--connect", address, "--operator", operator, "--json", *FAST)
+    master = start("master", "--connect", address, "--operator", operator, "--json")
     master.wait_for(r"warning master: operator \S+own.py:Slow is too slow: a step takes")
     assert master.end() == 1
     assert "this machine was too busy" not in master.said()

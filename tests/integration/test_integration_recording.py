@@ -16,15 +16,10 @@ from hapticnet.recordings.session.sink import UNFINISHED
 from hapticnet.recordings.text import read_csv
 from tests.cli.test_cli_errors import THE_ERROR
 
-FAST = ("--no-real-time",)
 ROOT = Path(__file__).parents[2]
 PATIENCE_S = 20.0
 MOST_LOST_US = 1_000_000
 """The bound is 0.3 s; on a machine that is busy with other tests, timers are late."""
-
-
-def address_of(slave):
-    return slave.wait_for(r"listening on ([\d.]+:\d+)").group(1)
 
 
 def wait_until(what) -> None:
@@ -34,12 +29,12 @@ def wait_until(what) -> None:
         time.sleep(0.02)
 
 
-def test_both_sides_record_and_their_files_join(start, tmp_path):
+def test_both_sides_record_and_their_files_join(start, serve, tmp_path):
     folder, record = tmp_path / "slave", tmp_path / "master.mcap"
-    server = start("slave", "--listen", "127.0.0.1:0", "--record-dir", str(folder), "--record-format", "mcap", *FAST)
+    server, address = serve("--record-dir", str(folder), "--record-format", "mcap")
     master = start(
-        "master", "--connect", address_of(server), "--name", "one", "--duration", "1", "--record", str(record),
-        "--json", "--seed", "5", *FAST,
+        "master", "--connect", address, "--name", "one", "--duration", "1", "--record", str(record),
+        "--json", "--seed", "5",
     )  # fmt: skip
     assert master.process.wait(PATIENCE_S) == 0, master.said()
     assert server.end() == 0, server.said()
@@ -62,10 +57,10 @@ def test_both_sides_record_and_their_files_join(start, tmp_path):
     assert "ticket" not in json.dumps(ours.about | theirs.about)
 
 
-def test_processes_that_are_killed_leave_complete_files(start, tmp_path):
+def test_processes_that_are_killed_leave_complete_files(start, serve, tmp_path):
     folder, record = tmp_path / "slave", tmp_path / "master.mcap"
-    server = start("slave", "--listen", "127.0.0.1:0", "--record-dir", str(folder), "--record-format", "mcap", *FAST)
-    master = start("master", "--connect", address_of(server), "--name", "one", "--record", str(record), *FAST)
+    server, address = serve("--record-dir", str(folder), "--record-format", "mcap")
+    master = start("master", "--connect", address, "--name", "one", "--record", str(record))
     unfinished = tmp_path / f"master.mcap{UNFINISHED}"
     wait_until(lambda: unfinished.exists() and unfinished.stat().st_size > 30_000)
     for process in (master, server):
@@ -80,11 +75,11 @@ def test_processes_that_are_killed_leave_complete_files(start, tmp_path):
     assert [event.name for event in theirs.events] == ["MasterJoined", "SettingsInForce"]
 
 
-def test_ctrl_c_in_the_terminal_completes_the_files(start, tmp_path):
+def test_ctrl_c_in_the_terminal_completes_the_files(start, serve, tmp_path):
     """The terminal sends the signal to the process group, to which the writer does not belong."""
     record = tmp_path / "master.csv"
-    server = start("slave", "--listen", "127.0.0.1:0", *FAST)
-    master = start("master", "--connect", address_of(server), "--record", str(record), *FAST, prefix=("setsid",))
+    _, address = serve()
+    master = start("master", "--connect", address, "--record", str(record), prefix=("setsid",))
     unfinished = tmp_path / f"master.csv{UNFINISHED}"
     wait_until(lambda: unfinished.exists() and unfinished.stat().st_size > 5000)
     subprocess.run(["kill", "-INT", "--", f"-{master.process.pid}"], check=True)
@@ -107,7 +102,7 @@ def test_a_full_disk_ends_the_recording_but_not_the_run(start, tmp_path):
     assert slave.stderr is not None
     address = next(slave.stderr).split("listening on ")[1].split(",")[0]
     for name in ("one", "two"):
-        master = start("master", "--connect", address, "--name", name, "--duration", "1", "--rate", "500", *FAST)
+        master = start("master", "--connect", address, "--name", name, "--duration", "1", "--rate", "500")
         assert master.process.wait(PATIENCE_S) == 0, master.said()
     slave.send_signal(signal.SIGINT)
     _, said = slave.communicate(timeout=PATIENCE_S)
@@ -120,17 +115,17 @@ def test_a_full_disk_ends_the_recording_but_not_the_run(start, tmp_path):
     assert "File too large" in account["recording"]["stopped"]
 
 
-def test_what_is_recorded_has_a_limit(start, tmp_path):
+def test_what_is_recorded_has_a_limit(start, serve, tmp_path):
     folder, record = tmp_path / "slave", tmp_path / "master.csv"
     limited = ("--record-limit", "60kB")
-    server = start("slave", "--listen", "127.0.0.1:0", "--record-dir", str(folder), "--json", *limited, *FAST)
+    server, address = serve("--record-dir", str(folder), "--json", *limited)
     master = start(
-        "master", "--connect", address_of(server), "--duration", "60", "--rate", "500", "--record", str(record),
-        "--json", *limited, *FAST,
+        "master", "--connect", address, "--duration", "60", "--rate", "500", "--record", str(record),
+        "--json", *limited,
     )  # fmt: skip
     for process in (server, master):
         process.wait_for("the limit of 60,000 bytes for recordings is reached")
-    time.sleep(1.0)  # what comes later is not recorded
+    time.sleep(0.3)  # what comes later is not recorded
     assert master.end() == 0, master.said()
     assert server.end() == 0, server.said()
     for process in (server, master):

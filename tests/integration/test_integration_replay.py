@@ -4,7 +4,7 @@ import numpy as np
 
 from hapticnet.recordings.session.reading import read_session
 
-FAST = ("--no-real-time", "--json")
+FAST = ("--json",)
 PATIENCE_S = 30.0
 
 

@@ -15,7 +15,7 @@ from hapticnet.sweep.tasks import plan_of
 STUDY = """
 name = "interrupted"
 task = "felt"
-repeats = 10
+repeats = 4
 
 [axes]
 hand = "scripted:insertions=1,approach_s=0.1,push_s=0.5,withdraw_s=0.1,rest_s=0.1"
@@ -62,7 +62,7 @@ def test_an_interrupted_and_a_killed_sweep_go_on_where_they_were(start, tmp_path
     assert first.said() == ""
     count = len(list(out.glob(SHARDS)))
     assert first.report()["shards"] == count
-    assert 0 < first.report()["done"] < 120
+    assert 0 < first.report()["done"] < 48
 
     second = start(*command)
     wait_until(grows)
@@ -70,7 +70,7 @@ def test_an_interrupted_and_a_killed_sweep_go_on_where_they_were(start, tmp_path
     assert len(workers) >= 2
     assert second.end(signal.SIGKILL) == -signal.SIGKILL
     wait_until(lambda: not any(map(is_running, workers)))
-    assert len(list(out.glob(SHARDS))) < 40
+    assert len(list(out.glob(SHARDS))) < 16
 
     third = start(*command)
     assert third.process.wait(PATIENCE_S) == 0, third.said()

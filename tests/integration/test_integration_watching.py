@@ -7,13 +7,12 @@ import urllib.request
 
 from prometheus_client.parser import text_string_to_metric_families
 
-FAST = ("--no-real-time", "--device", "none")
+FAST = ("--device", "none")
 
 
-def test_both_sides_serve_metrics_and_log_json(start):
+def test_both_sides_serve_metrics_and_log_json(start, serve):
     watched = ("--metrics", "127.0.0.1:0", "--log-json", "--json", "--rate", "200")
-    server = start("slave", "--listen", "127.0.0.1:0", "--scene", "paper:1", *watched[:-2], "--no-real-time")
-    address = server.wait_for(r"listening on ([\d.]+:\d+)").group(1)
+    server, address = serve("--scene", "paper:1", *watched[:-2], "--no-real-time")
     master = start("master", "--connect", address, "--name", "left", "--duration", "2", *watched, *FAST)
     master.wait_for("connected to")
     for process in (master, server):

@@ -22,7 +22,6 @@ from hapticnet.runtime.nonblocking_log import (
     LogLine,
     NonblockingLog,
     is_journal,
-    log_line,
     write_watched,
 )
 from hapticnet.runtime.system import start_background
@@ -75,11 +74,11 @@ def log(pipe) -> NonblockingLog:
 
 
 def test_lines_arrive_in_order_and_the_status_line_stays_below_them(pipe, log):
-    log.line(log_line("one", who="x"))
+    log.line(LogLine("one", who="x"))
     log.drain()
     log.status("x: 1 s")
     log.drain()
-    log.line(log_line("two", who="x"))
+    log.line(LogLine("two", who="x"))
     log.drain()
     log.status("")
     log.drain()
@@ -89,7 +88,7 @@ def test_lines_arrive_in_order_and_the_status_line_stays_below_them(pipe, log):
 def test_a_full_pipe_keeps_nobody_waiting_and_loses_no_line_once_it_is_read(pipe, log):
     pipe.fill()
     for number in range(50):
-        log.line(log_line(str(number), who="x"))
+        log.line(LogLine(str(number), who="x"))
         log.status(f"status {number}")
     assert not log.drain()
     assert pipe.read() == ""
@@ -105,7 +104,7 @@ def test_a_full_pipe_keeps_nobody_waiting_and_loses_no_line_once_it_is_read(pipe
 def test_what_exceeds_the_rate_is_counted_and_told_in_one_line(pipe, log, monkeypatch):
     monkeypatch.setattr(log_module, "now_us", lambda: 0)
     for number in range(MOST_AT_ONCE + 1234):
-        log.line(log_line(str(number), who="x"))
+        log.line(LogLine(str(number), who="x"))
     log.drain()
     lines = pipe.read().splitlines()
     assert lines == [*(f"x: {number}" for number in range(MOST_AT_ONCE)), "x: warning: … 1,234 lines left out"]
@@ -116,9 +115,9 @@ def test_what_waits_for_a_reader_is_bounded(pipe, log, monkeypatch):
     monkeypatch.setattr(log_module, "MOST_WAITING", 20)
     pipe.fill()
     for number in range(100):
-        log.line(log_line(str(number), who="x"))
+        log.line(LogLine(str(number), who="x"))
     assert 75 <= log.left_out <= 80
-    log.line(log_line("the error", who="x"), needed=True)
+    log.line(LogLine("the error", who="x"), needed=True)
     said = ""
     while "left out" not in said:
         said += pipe.read()
@@ -127,7 +126,7 @@ def test_what_waits_for_a_reader_is_bounded(pipe, log, monkeypatch):
 
 def test_only_the_first_wait_for_a_reader_who_does_not_come_takes_time(pipe, log, monkeypatch):
     pipe.fill()
-    log.line(log_line("unread", who="x"))
+    log.line(LogLine("unread", who="x"))
     assert not log.drain()
     monkeypatch.setattr(log_module, "PARTING_S", 3600.0)
     assert not log.drain()
@@ -139,9 +138,9 @@ def test_a_reader_who_has_gone_ends_nothing(pipe, started):
     if started:
         log.start()
     pipe.close_reader()
-    log.line(log_line("unread", who="x"))
+    log.line(LogLine("unread", who="x"))
     assert log.drain()
-    log.line(log_line("unread", who="x"))
+    log.line(LogLine("unread", who="x"))
     assert log.drain()
 
 
@@ -149,7 +148,7 @@ def test_a_reader_who_has_gone_ends_nothing(pipe, started):
 def test_a_process_without_stderr_or_with_one_of_its_own(stream):
     log = NonblockingLog(lambda: stream)
     log.start()
-    log.line(log_line("grüße", who="x"))
+    log.line(LogLine("grüße", who="x"))
     assert log.drain()
     assert stream is None or stream.getvalue() == "x: grüße\n"
 
@@ -203,7 +202,7 @@ def test_a_report_whose_reader_has_gone_says_so(pipe):
         write_watched(pipe.writer, "x" * 10_000, stall_s=60.0)
 
 
-LINE = LogLine(time_s=1_763_799_470.1234, level=Level.WARNING, who="master", text="link „stale“", event="LinkStale")
+LINE = LogLine("link „stale“", "master", Level.WARNING, "LinkStale", time_s=1_763_799_470.1234)
 
 
 @pytest.mark.parametrize(
