@@ -25,7 +25,6 @@ from hapticnet.study.statistics import (
     leaving_point,
     mean_interval,
     share_interval,
-    shows_equivalence,
     sign_flip,
     standard_error,
     two_sided,
@@ -408,13 +407,8 @@ def _comparison(key: str, reference: ConditionResult, other: ConditionResult, ma
     )
     if key != "correct":
         return comparison
-    within, interval_90 = equivalence(differences, margin, least_variance=least)
-    return replace(
-        comparison,
-        within_margin=within,
-        interval_90=_bounded(key, interval_90),
-        equivalent=shows_equivalence(within, interval_90, margin),
-    )
+    within, interval_90, shown = equivalence(differences, margin, least_variance=least)
+    return replace(comparison, within_margin=within, interval_90=_bounded(key, interval_90), equivalent=shown)
 
 
 def _bounded(measure: str, interval: Interval) -> Interval:

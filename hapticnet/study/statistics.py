@@ -139,26 +139,19 @@ def chance_variance(successes: int, trials: int, people: int) -> float:
 
 def equivalence(
     differences: Sequence[float] | FloatArray, margin: float, *, least_variance: float = 0.0
-) -> tuple[float, tuple[float, float]]:
+) -> tuple[float, tuple[float, float], bool]:
     """Test whether a mean difference is within a margin that was stated beforehand; two one-sided tests at 5 %.
 
     Schuirmann, "A comparison of the two one-sided tests procedure and the power approach", Journal of Pharmacokinetics
     and Biopharmaceutics 15 (1987), here with sign-flip tests.
 
-    Returns the probability of the tests, and the 90 % interval of the mean difference (`mean_interval`, which explains
-    `least_variance`); `shows_equivalence` judges both.
+    Returns the probability of the tests, the 90 % interval of the mean difference (`mean_interval`, which explains
+    `least_variance`), and whether equivalence is shown: the tests pass, and the interval is within the margin. Tests
+    alone take differences as exact, although scores of few trials have ties by chance; the interval does not.
     """
-    lower, upper = sign_flip(differences, shift=-margin)[1], sign_flip(differences, shift=margin)[0]
-    return max(lower, upper), mean_interval(differences, 0.90, least_variance=least_variance)
-
-
-def shows_equivalence(probability: float, interval_90: tuple[float, float], margin: float) -> bool:
-    """Return whether equivalence is shown: the tests of `equivalence` pass, and the interval is within the margin.
-
-    The tests alone take differences as exact, although scores of few trials have ties by chance; the interval does not.
-    """
-    low, high = interval_90
-    return probability < ALPHA and -margin <= low and high <= margin
+    probability = max(sign_flip(differences, shift=-margin)[1], sign_flip(differences, shift=margin)[0])
+    low, high = mean_interval(differences, 0.90, least_variance=least_variance)
+    return probability, (low, high), probability < ALPHA and -margin <= low and high <= margin
 
 
 def holm(probabilities: Sequence[float]) -> list[float]:

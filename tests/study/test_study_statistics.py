@@ -16,7 +16,6 @@ from hapticnet.study.statistics import (
     leaving_point,
     mean_interval,
     share_interval,
-    shows_equivalence,
     sign_flip,
     standard_error,
     two_sided,
@@ -135,10 +134,10 @@ def test_equivalence_needs_every_participant_near_zero():
 def test_equivalence_is_shown_only_if_the_interval_agrees_with_the_tests():
     ties = [0.1, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0]  # of eight people with ten trials, mostly right
     least = chance_variance(65, 80, 8) + chance_variance(66, 80, 8)
-    within, interval_90 = equivalence(ties, 0.1, least_variance=least)
+    within, _, shown = equivalence(ties, 0.1, least_variance=least)
     assert within < 0.05
-    assert not shows_equivalence(within, interval_90, 0.1)
-    assert shows_equivalence(*equivalence(ties, 0.1), 0.1)
+    assert not shown
+    assert equivalence(ties, 0.1)[2]
 
 
 def test_holm_multiplies_the_smallest_most():
