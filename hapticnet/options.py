@@ -69,9 +69,10 @@ def check_options(owner: Any) -> None:
 
 def described(owner: type[Owner]) -> type[Owner]:
     """Add what the options of a dataclass mean to its docstring."""
+    declared: dict[str, Any] = vars(owner)["__dataclass_fields__"]
     lines = [
         f"{name} : {_text(field.type)}\n    {option.help}"
-        for name, field in vars(owner)["__dataclass_fields__"].items()
+        for name, field in sorted(declared.items(), key=lambda each: each[0] not in vars(owner)["__annotations__"])
         if (option := option_of(field.type)) is not None
     ]
     owner.__doc__ = "\n".join([inspect.cleandoc(owner.__doc__ or ""), "", "Parameters", "----------", *lines])
@@ -318,3 +319,35 @@ Jobs: TypeAlias = Annotated[
     int | None, Option("Processes; default: one for each core. The results do not depend on it.", least=1)
 ]
 RealTime: TypeAlias = Annotated[bool, Option("Use real-time scheduling (SCHED_FIFO) if permitted.")]
+
+
+@dataclass(kw_only=True)
+class SharedMasterOptions:
+    """What the command line and the API set of a master alike."""
+
+    peer_key: PeerKey = None
+    insecure: Insecure = False
+    name: Name = "master"
+    device_takes: DeviceTakes = "x"
+    announced: Announced = False
+    positions: Positions = "raw"
+    position_share: PositionShare = POSITION_SHARE
+    first_touch: FirstTouch = False
+    passive: Passive = False
+
+    def of_node(self) -> dict[str, Any]:
+        """Return those that are settings of the node, by the same names."""
+        of_key = ("peer_key", "insecure")
+        names = (name for name in SharedMasterOptions.__dataclass_fields__ if name not in of_key)
+        return {name: getattr(self, name) for name in names}
+
+
+@dataclass(kw_only=True)
+class SharedSlaveOptions:
+    """What the command line and the API set of a slave alike."""
+
+    listen: Listen = "127.0.0.1:47800"
+    insecure: Insecure = False
+    most_sessions: MostSessions = 64
+    most_sessions_per_key: MostSessionsPerKey = 16
+    announce: Announce = "declared"

@@ -4,7 +4,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import KW_ONLY, dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Final, TypeAlias, cast
+from typing import TYPE_CHECKING, Annotated, Any, TypeAlias, cast
 
 from hapticnet import options
 from hapticnet.api.inputs import as_codec, serve_class
@@ -40,11 +40,6 @@ PositionLike: TypeAlias = float | Sequence[float]
 """A position [m]: a number for one axis, or a sequence with a number for each."""
 
 
-_AS_GIVEN: Final = (
-    "rate_hz", "name", "on_error", "device_takes", "announced", "positions", "position_share", "first_touch", "passive",
-)  # fmt: skip
-
-
 class Hand:
     """The position that a program has set last. Satisfies `operator.base.Operator`."""
 
@@ -65,7 +60,7 @@ class Hand:
 
 @described
 @dataclass
-class MasterSetup:
+class MasterSetup(options.SharedMasterOptions):
     """Parameters of a master.
 
     They are checked when the master opens.
@@ -102,16 +97,7 @@ class MasterSetup:
         str | Path | None,
         Option("The device's calibration and finger, a file from ``hapticnet device calibrate``."),
     ] = None
-    device_takes: options.DeviceTakes = "x"
-    announced: options.Announced = False
-    positions: options.Positions = "raw"
-    position_share: options.PositionShare = options.POSITION_SHARE
-    first_touch: options.FirstTouch = False
-    passive: options.Passive = False
     key: options.KeyPath = None
-    peer_key: options.PeerKey = None
-    insecure: options.Insecure = False
-    name: options.Name = "master"
     max_age_s: options.MaxAge = 1.0
     on_error: Annotated[
         OnError,
@@ -194,7 +180,9 @@ class MasterSetup:
             law=codec.law,
             record=self.record is not None,
             record_datagrams=self.record is not None,
-            **{name: getattr(self, name) for name in _AS_GIVEN},
+            rate_hz=self.rate_hz,
+            on_error=self.on_error,
+            **self.of_node(),
             session=SessionSettings(max_age_us=round(self.max_age_s * 1e6)),
             control=devices.control_settings(self._profile()),
         )

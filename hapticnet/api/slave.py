@@ -32,7 +32,7 @@ SceneLike: TypeAlias = str | HasStep | Callable[[], HasStep]
 
 @described
 @dataclass
-class SlaveSetup:
+class SlaveSetup(options.SharedSlaveOptions):
     """Parameters of a slave.
 
     They are checked when the slave opens.
@@ -47,18 +47,14 @@ class SlaveSetup:
         ),
     ] = "paper:0"
     _: KW_ONLY
-    listen: options.Listen = "127.0.0.1:47800"
     key: options.KeyPath = None
     masters: options.MastersPath = None
-    insecure: options.Insecure = False
     codecs: Annotated[
         Sequence[str | type[Any]],
         Option('Codecs of yours that masters may ask for: classes, ``"FILE.py:Class"`` or ``"package.module:Class"``.'),
     ] = ()
     keep_s: options.Keep = 30.0
     fastest_rate_hz: options.FastestRate = 10_000.0
-    most_sessions: options.MostSessions = 64
-    most_sessions_per_key: options.MostSessionsPerKey = 16
     on_error: Annotated[
         OnError,
         Option(
@@ -66,7 +62,6 @@ class SlaveSetup:
             " until `resume`."
         ),
     ] = "end"
-    announce: options.Announce = "declared"
 
     def make(self) -> tuple[SlaveNode, socket]:
         """Return the node and a socket that listens; raise a HapticnetError if this is impossible."""

@@ -85,17 +85,11 @@ def join(given: MasterOptions) -> None:
         parameters=parameters,
         law=weber_law,
         rate_hz=given.rate,
-        name=given.name,
         key=keys,
         session=SessionSettings(max_age_us=round(given.max_age * 1e6)),
         record=given.record is not None,
         record_datagrams=given.record is not None,
-        device_takes=given.device_takes,
-        announced=given.announced,
-        positions=given.positions,
-        position_share=given.position_share,
-        passive=given.passive,
-        first_touch=given.first_touch,
+        **given.of_node(),
         control=devices.control_settings(known),
     )
     console = Console(given.name, quiet=given.quiet, real_time=True)
