@@ -25,13 +25,6 @@ def positions_m(operator, period_us=1000, until_us=None):
     )
 
 
-def test_it_has_one_axis():
-    operator = make()
-    sample = operator.sample(1_000_000)
-    assert operator.axes == len(sample.position_m) == 1
-    assert sample.t_us == 1_000_000
-
-
 def test_the_default_script_takes_5_2_s_per_insertion():
     assert make(**STEADY, insertions=1).duration_us == 5_200_000
     assert make(insertions=200).duration_us == pytest.approx(200 * 5_200_000, rel=0.02)
@@ -88,11 +81,6 @@ def test_a_longer_script_begins_as_a_shorter_one():
     assert positions_m(short).tolist() == positions_m(long, until_us=short.duration_us).tolist()
 
 
-def test_different_seeds_move_differently():
-    assert make(1).duration_us != make(2).duration_us
-    assert make(1).sample(900_000) != make(2).sample(900_000)
-
-
 @pytest.mark.parametrize("t_us", [-1, -(2**63), "end", 2**63])
 def test_outside_the_script_the_hand_rests_at_the_start(t_us):
     operator = make(start_m=0.001)
@@ -134,31 +122,22 @@ def test_tremor_has_its_rms_and_stays_in_its_band():
     assert power[in_band].sum() / power.sum() > 0.9999
 
 
-def test_tremor_is_the_same_at_any_sampling_rate():
-    fast, slow = positions_m(make(), 1000, 2_000_000), positions_m(make(), 20_000, 2_000_000)
-    assert fast[::20].tolist() == slow.tolist()
-
-
-@pytest.mark.parametrize("value", [math.nan, math.inf, -math.inf, 1e300, -1.0])
 @pytest.mark.parametrize(
     "name",
     ["approach_m", "depth_m", "approach_s", "push_s", "pause_s", "withdraw_s", "rest_s", "variation", "tremor_rms_m"],
 )
-def test_settings_out_of_range_are_refused_by_name(name, value):
-    with pytest.raises(SettingsError, match=f"insertion {name} is"):
-        InsertionSettings(**{name: value})
+def test_settings_out_of_range_are_refused_by_name(name):
+    for value in (math.nan, math.inf, -math.inf, 1e300, -1.0):
+        with pytest.raises(SettingsError, match=f"insertion {name} is"):
+            InsertionSettings(**{name: value})
 
 
-@pytest.mark.parametrize(
-    ("name", "value"),
-    [("insertions", 0), ("insertions", 10**9), ("push_steps", 0), ("approach_s", 0.0), ("start_m", math.nan)],
-)
-def test_zero_counts_and_durations_are_refused(name, value):
-    with pytest.raises(SettingsError, match=name):
-        InsertionSettings(**{name: value})
+def test_what_makes_no_motion_is_refused():
+    zero = [("insertions", 0), ("insertions", 10**9), ("push_steps", 0), ("approach_s", 0.0), ("start_m", math.nan)]
+    for name, value in zero:
+        with pytest.raises(SettingsError, match=name):
+            InsertionSettings(**{name: value})
 
-
-def test_positions_out_of_order_are_refused():
     with pytest.raises(SettingsError, match=r"approach_m is -0\.01; it must be between 0 and"):
         InsertionSettings(approach_m=-0.01)
     with pytest.raises(SettingsError, match=r"depth_m is 0\.01; it must be between 0\.014 and"):

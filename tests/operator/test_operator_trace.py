@@ -26,15 +26,6 @@ def trace_file(tmp_path):
     return write
 
 
-def test_positions_are_interpolated_between_samples():
-    operator = make([0.0, 0.001, 0.003], [0.0, 0.010, 0.020])
-    assert operator.sample(0) == (0, (0.0,))
-    assert operator.sample(250).position_m == pytest.approx((0.0025,))
-    assert operator.sample(1000).position_m == (0.010,)
-    assert operator.sample(2000).position_m == pytest.approx((0.015,))
-    assert operator.sample(3000).position_m == (0.020,)
-
-
 def test_time_starts_at_the_first_sample():
     epoch_s = 1.7e9
     operator = make([epoch_s, epoch_s + 1.0], [1.0, 2.0])

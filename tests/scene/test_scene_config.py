@@ -142,12 +142,6 @@ def test_tissues_and_bodies_in_one_scene_are_refused() -> None:
         parse_scene(SCENE + BODIES[BODIES.index("[[sphere]]") :], "both.toml")
 
 
-def test_a_file_is_loaded_from_its_path(tmp_path: Path) -> None:
-    path = tmp_path / "two.toml"
-    path.write_text(SCENE)
-    assert find_scene(str(path)) == parse_scene(SCENE, "two.toml")
-
-
 @pytest.mark.parametrize("content", [None, b'name = "\xff"'])
 def test_a_file_that_cannot_be_read_is_named(tmp_path: Path, content: bytes | None) -> None:
     path = tmp_path / "odd.toml"

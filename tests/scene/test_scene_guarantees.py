@@ -85,14 +85,6 @@ def test_force_is_bounded_at_any_time_steps_with_all_properties(path_m: list[flo
 
 
 @settings(deadline=None)
-@given(path_m=tip_positions_m)
-def test_the_same_samples_give_the_same_forces(path_m: list[float]) -> None:
-    one, other = Scene(EVERYTHING), Scene(EVERYTHING)
-    samples = [PositionSample(k * 1_000, (tip_m,)) for k, tip_m in enumerate(path_m)]
-    assert [one.step(sample) for sample in samples] == [other.step(sample) for sample in samples]
-
-
-@settings(deadline=None)
 @given(st.lists(st.integers(-3, 3), max_size=300), st.sampled_from([0.0, 200.0]))
 def test_a_closed_path_through_elastic_tissue_conserves_energy(strides: list[int], stiffening_per_m: float) -> None:
     layers = [tissue(k * 0.004, breach_force_n=1e3, stiffening_per_m=stiffening_per_m) for k in range(3)]

@@ -33,12 +33,6 @@ def moving(velocity_m_per_s: float) -> Needle:
     return needle
 
 
-def test_a_spring_breaks_strictly_above_its_breach_force() -> None:
-    assert force_n(tissue(), 2.0**-8) == 1.0
-    assert force_n(tissue(), 2.0**-7) == 2.0
-    assert force_n(tissue(), math.nextafter(2.0**-7, 1.0)) is None
-
-
 def test_stiffening_starts_at_the_stiffness_and_grows_exponentially() -> None:
     stiffening = tissue(stiffening_per_m=100.0)
     assert force_n(stiffening, 1e-9) == pytest.approx(256e-9)
@@ -68,27 +62,10 @@ def test_viscosity_does_not_act_before_the_surface_is_indented() -> None:
     assert force_n(tissue(viscosity_n_s_per_m=5.0), 0.0, moving(1.0)) == 0.0
 
 
-def test_a_recovering_surface_relaxes_by_the_exact_exponential() -> None:
-    needle = Needle()
-    surface = RecoveringSurface(tissue(recovery_time_s=0.5), needle)
-    surface.release(0.01)
-    assert surface.position_m() == 0.01
-    needle.now_us += 500_000
-    assert surface.position_m() == pytest.approx(0.01 / math.e)
-    needle.now_us += 10**14
-    assert surface.position_m() == 0.0
-
-
 def test_friction_rises_to_its_level_over_the_presliding_length() -> None:
     assert shaft().slide(0.0) == 0.0
     assert shaft().slide(PRESLIDING_M) == pytest.approx(FRICTION_N * (1.0 - 1.0 / math.e))
     assert shaft().slide(1.0) == pytest.approx(FRICTION_N)
-
-
-def test_friction_holds_the_needle_on_the_way_out() -> None:
-    rubbing = shaft()
-    rubbing.slide(0.05)
-    assert rubbing.slide(0.04) == pytest.approx(-FRICTION_N, rel=1e-3)
 
 
 def test_friction_holds_its_force_while_the_needle_is_still() -> None:

@@ -4,7 +4,7 @@ from subprocess import run
 
 import pytest
 
-from hapticnet.errors import FileError, SettingsError
+from hapticnet.errors import SettingsError
 from hapticnet.samples import PositionSample
 from hapticnet.scene.sources import find_scene, make_scene, paper_scene, parse_scene, scene_names
 
@@ -52,11 +52,6 @@ def test_the_scenes_of_the_documentation_can_be_read() -> None:
     assert [make_scene(parse_scene(example, "hill.toml")).axes for example in examples] == [1, 3]
 
 
-def test_an_unknown_scene_is_refused_with_the_choices() -> None:
-    with pytest.raises(SettingsError, match=r"unknown scene 'liver'; choose from paper, paper:SEED, example-viscous"):
-        find_scene("liver")
-
-
 @pytest.mark.parametrize("spec", ["paper:", "paper:x", "paper:-1", "paper:1.5", "paper:" + "9" * 5000])
 def test_a_seed_that_is_not_a_whole_number_is_refused(spec: str) -> None:
     with pytest.raises(SettingsError, match="seed"):
@@ -66,11 +61,6 @@ def test_a_seed_that_is_not_a_whole_number_is_refused(spec: str) -> None:
 def test_a_negative_seed_is_refused() -> None:
     with pytest.raises(SettingsError, match="-1"):
         paper_scene(-1)
-
-
-def test_a_missing_file_is_named() -> None:
-    with pytest.raises(FileError, match=r"nowhere/scene\.toml"):
-        find_scene("nowhere/scene.toml")
 
 
 def test_the_papers_scene_does_not_import_pydantic() -> None:

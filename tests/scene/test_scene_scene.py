@@ -3,7 +3,6 @@ from itertools import pairwise
 
 import pytest
 
-from hapticnet.errors import SettingsError
 from hapticnet.samples import ForceSample, PositionSample
 from hapticnet.scene.scene import Scene
 from hapticnet.scene.settings import Contact, Tissue
@@ -28,14 +27,10 @@ def step(scene: Scene, tip_m: float, t_us: int = 0) -> float:
 
 def test_no_force_before_the_surface() -> None:
     scene = Scene([tissue(0.02)])
+    assert (scene.force_n, scene.contacts(), scene.surfaces_m(), scene.breaches) == (0.0, (NONE,), (0.02,), 0)
     assert step(scene, 0.02) == 0.0
     assert scene.contacts() == (NONE,)
     assert scene.surfaces_m() == (0.02,)
-
-
-def test_a_new_scene_has_no_contact() -> None:
-    scene = Scene([tissue(0.02)])
-    assert (scene.force_n, scene.contacts(), scene.surfaces_m(), scene.breaches) == (0.0, (NONE,), (0.02,), 0)
 
 
 def test_in_contact_the_force_is_elastic_and_the_surface_follows_the_needle() -> None:
@@ -94,18 +89,6 @@ def test_a_tissue_crossed_below_its_breach_force_stays_in_contact() -> None:
     scene = Scene([tissue(2.0**-4), soft, tissue(2.0**-5)])
     assert step(scene, 2.0**-4 + 2.0**-8) == 16.0 * (2.0**-4 + 2.0**-8) + 1.0
     assert scene.contacts() == (CONTACT, PENETRATED, CONTACT)
-
-
-def test_tissues_may_come_in_any_order() -> None:
-    scene = Scene([tissue(0.3), tissue(0.1), tissue(0.2)])
-    assert [layer.rest_position_m for layer in scene.tissues] == [0.1, 0.2, 0.3]
-
-
-def test_a_scene_needs_tissues_with_gaps_between_them() -> None:
-    with pytest.raises(SettingsError, match="no tissue"):
-        Scene([])
-    with pytest.raises(SettingsError, match=r"both rest at 0\.1 m"):
-        Scene([tissue(0.1), tissue(0.1)])
 
 
 def test_oscillating_on_a_surface_neither_breaches_nor_jumps() -> None:
@@ -283,3 +266,22 @@ def test_friction_starts_where_the_tissue_broke_whatever_the_step() -> None:
 def test_friction_of_several_tissues_adds_up() -> None:
     scene = Scene([tissue(k * 0.1, shaft_friction_n=0.25) for k in range(5)])
     assert step(scene, 1.0) == pytest.approx(5 * 0.25)
+
+
+# What a scene says about the force near the tip ----------------------------------------------------------------
+
+
+def test_a_bound_from_before_a_breach_or_a_withdrawal_is_not_given_again() -> None:
+    scene = Scene([tissue()])
+    step(scene, 2.0**-8)
+    pressed = scene.stiffness_bound()
+    assert pressed is not None
+    assert pressed.stiffness_n_per_m == 256.0
+    step(scene, 0.1)  # nobody asks here: the session sends every position
+    step(scene, 2.0**-8)
+    beyond = scene.stiffness_bound()
+    assert beyond is not None
+    assert beyond.stiffness_n_per_m == 0.0
+    step(scene, -0.001)
+    step(scene, 2.0**-8)
+    assert scene.stiffness_bound() == pressed

@@ -15,32 +15,18 @@ def tissue(**changes: float | str) -> Tissue:
 
 
 @pytest.mark.parametrize("key", [*POSITIVE, *OPTIONAL, "rest_position_m"])
-@pytest.mark.parametrize("value", [math.nan, math.inf, -math.inf, 1e300, -1e300, 2e6])
-def test_a_value_out_of_range_is_refused_by_name(key: str, value: float) -> None:
-    with pytest.raises(SettingsError, match=f"'skin': {key} is "):
-        tissue(**{key: value})
-
-
-@pytest.mark.parametrize("key", [*POSITIVE, *OPTIONAL])
-@pytest.mark.parametrize("value", [-1.0, 5e-324, -5e-324])
-def test_negative_and_denormal_properties_are_refused(key: str, value: float) -> None:
-    with pytest.raises(SettingsError, match=key):
-        tissue(**{key: value})
-
-
-@pytest.mark.parametrize("key", POSITIVE)
-def test_zero_is_refused_where_it_has_no_meaning(key: str) -> None:
-    with pytest.raises(SettingsError, match=key):
-        tissue(**{key: 0.0})
+def test_a_value_out_of_range_is_refused_by_name(key: str) -> None:
+    wrong = [math.nan, math.inf, -math.inf, 1e300, -1e300, 1e6 + 1.0]
+    wrong += [] if key == "rest_position_m" else [-1.0, 5e-324, -5e-324]
+    for value in [*wrong, 0.0] if key in POSITIVE else wrong:
+        with pytest.raises(SettingsError, match=f"'skin': {key} is "):
+            tissue(**{key: value})
+    assert getattr(tissue(**{key: 1e6}), key) == 1e6
 
 
 @pytest.mark.parametrize("key", OPTIONAL)
 def test_zero_disables_an_optional_property(key: str) -> None:
     assert tissue(**{key: 0.0}) == tissue()
-
-
-def test_the_largest_stiffness_is_accepted() -> None:
-    assert tissue(stiffness_n_per_m=1e6).stiffness_n_per_m == 1e6
 
 
 def test_breach_depth_is_where_the_spring_reaches_the_breach_force() -> None:
@@ -60,8 +46,5 @@ def test_a_gap_without_thickness_is_refused_and_names_both_tissues(position_m: t
     twins = [tissue(name=name, rest_position_m=at) for name, at in zip(("skin", "fat"), position_m, strict=True)]
     with pytest.raises(SettingsError, match="'skin' and 'fat'"):
         front_to_back([twins[0], tissue(rest_position_m=0.5), twins[1]])
-
-
-def test_a_scene_without_tissue_is_refused() -> None:
     with pytest.raises(SettingsError, match="no tissue"):
         front_to_back([])

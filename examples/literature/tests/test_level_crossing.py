@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from hapticnet.codec.recording import encode_array
 from hapticnet.codec.schemes.deadband import Deadband
-from hapticnet.errors import PeerError, SettingsError
+from hapticnet.errors import PeerError
 from hapticnet.perception import WeberLaw
 from hapticnet_literature.level_crossing import MOST_LEVELS, LevelCrossing, levels
 
@@ -102,9 +102,3 @@ def test_a_corrupt_payload_is_refused_and_the_held_stimulus_stays(payload):
     with pytest.raises(PeerError, match="payload"):
         decoder.decode(1, payload)
     assert decoder.reconstruct(1) == before
-
-
-@pytest.mark.parametrize("bad", [-0.1, 0.6, math.nan])
-def test_a_hysteresis_that_cannot_be_used_is_refused(bad):
-    with pytest.raises(SettingsError, match="hysteresis is"):
-        LevelCrossing(hysteresis=bad)

@@ -2,15 +2,14 @@ import math
 
 import numpy as np
 import pytest
-from codec_cases import anything, assert_same, assert_within_threshold, laws, steps, stream, timed, wandering
+from codec_cases import assert_same, assert_within_threshold, laws, steps, timed, wandering
 from hypothesis import given
 from hypothesis import strategies as st
 
 from hapticnet.codec.recording import encode_array
 from hapticnet.codec.schemes.deadband import Deadband
-from hapticnet.errors import SampleError, SettingsError
+from hapticnet.errors import SampleError
 from hapticnet.measure.metrics import worst_window_packets
-from hapticnet.perception import WeberLaw
 from hapticnet_literature.merging import Merging
 
 MS = 1000
@@ -84,16 +83,3 @@ def test_what_is_not_finite_or_out_of_range_is_refused_within_a_window_too(bad):
     with pytest.raises(SampleError, match="finite and within"):
         encoder.encode(MS, (1.0, bad))
     assert encoder.encode(20 * MS, (3.0, 1.0)) is not None
-
-
-@given(st.lists(anything, min_size=1, max_size=30), st.floats(0.0, 20.0))
-def test_stream_and_whole_array_agree_sample_for_sample(forces_n, window_ms):
-    codec = Merging(law=WeberLaw(), window_ms=window_ms * 1e-3)
-    stimuli = np.array(forces_n)[:, np.newaxis]
-    assert_same(stream(codec, stimuli), encode_array(codec, np.arange(len(stimuli), dtype=np.int64), stimuli))
-
-
-@pytest.mark.parametrize("parameters", [{"window_ms": -1.0}, {"window_ms": math.inf}, {"step_n": math.nan}])
-def test_parameters_that_cannot_be_used_are_refused(parameters):
-    with pytest.raises(SettingsError, match=f"{next(iter(parameters))} is"):
-        Merging(**parameters)

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from hapticnet.codec.recording import encode_array
 from hapticnet.codec.schemes.deadband import Deadband
-from hapticnet.errors import PeerError, SettingsError
+from hapticnet.errors import PeerError
 from hapticnet.perception import WeberLaw
 from hapticnet.vectors import magnitude
 from hapticnet_literature.passive import PassiveExtrapolative, PassiveInterpolative
@@ -172,9 +172,3 @@ def test_a_corrupt_payload_changes_nothing_or_leads_to_a_finite_force(codec, pay
         assert decoder.reconstruct(2000, (2e-3,) * axes) == pytest.approx(before)
     else:
         assert all(map(math.isfinite, decoder.reconstruct(2000, (2e-3,) * axes)))
-
-
-@pytest.mark.parametrize("interval_ms", [-1.0, 1001.0, math.nan])
-def test_an_interval_out_of_range_is_refused(interval_ms):
-    with pytest.raises(SettingsError, match="interval_ms"):
-        PassiveInterpolative(interval_ms=interval_ms)
