@@ -277,3 +277,6 @@ class SimulatedFront:
     async def _take(self, duration_s: float) -> None:
         if self._waits and math.isfinite(duration_s):
             await self._rig.wait(round(1e6 * duration_s))
+
+
+Front: TypeAlias = KeyFront | SimulatedFront

@@ -21,7 +21,6 @@ from hapticnet.runtime.udp import HostPort, open_toward
 from hapticnet.runtime.watching import Watcher, Watchers
 from hapticnet.study.hand import scripted_hand
 from hapticnet.study.rig import (
-    LINK_LOST,
     SETTLE_US,
     TICK_US,
     Activity,
@@ -32,10 +31,11 @@ from hapticnet.study.rig import (
     Presentation,
     disturbance,
     emulators,
+    outcome_of,
     procedure_of,
 )
 from hapticnet.study.scene import SCENE_SPEC, NamedTissues
-from hapticnet.study.trial import Stimulus, played
+from hapticnet.study.trial import Stimulus
 
 if TYPE_CHECKING:
     from hapticnet.node.procedures import Meeting
@@ -174,17 +174,7 @@ class RealRig:
             self.deepest_m = None
             self._press_nothing(now_us())
             self._closing = asyncio.ensure_future(self._close(runner))
-        fault = disturbances.fault
-        reason = None if fault is None else fault.reason
-        found = played(
-            node,
-            stimulus,
-            failure=reason,
-            link_stale=reason == LINK_LOST,
-            missed_ticks=runner.missed_ticks,
-            unix_offset_us=unix_offset_us(),
-        )
-        return found or fault or Fault("no position was sent", lost=False)
+        return outcome_of(node, stimulus, disturbances.fault, runner.missed_ticks, unix_offset_us())
 
     async def _close(self, runner: MasterRunner) -> None:
         try:

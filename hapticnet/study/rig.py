@@ -173,6 +173,21 @@ def disturbance(event: NodeEvent) -> Fault | None:
     return None
 
 
+def outcome_of(
+    node: MasterNode, stimulus: Stimulus, fault: Fault | None, missed_ticks: int = 0, unix_offset_us: int = 0
+) -> Played | Fault:
+    """Return what a master made of a trial, which a fault may have ended; the fault if it sent no position."""
+    found = played(
+        node,
+        stimulus,
+        failure=None if fault is None else fault.reason,
+        link_stale=fault is not None and fault.reason == LINK_LOST,
+        missed_ticks=missed_ticks,
+        unix_offset_us=unix_offset_us,
+    )
+    return found or fault or Fault("no position was sent", lost=False)
+
+
 class LiftWatch:
     """Notices that the finger is no longer against the platform."""
 
@@ -248,12 +263,9 @@ class VirtualRig:
             loopback.run(min(SLICE_US, end_us - loopback.now_us))
             while (event := loopback.master.next_event()) is not None:
                 fault = fault or disturbance(event)
-        node = loopback.master
         self._now_us = loopback.now_us
         self._fingertip.press(0.0, self._now_us)
-        reason = None if fault is None else fault.reason
-        found = played(node, stimulus, failure=reason, link_stale=reason == LINK_LOST)
-        return found or fault or Fault("no position was sent", lost=False)
+        return outcome_of(loopback.master, stimulus, fault)
 
     def _loopback(self, stimulus: Stimulus, hand: Operator) -> Loopback:
         forward, feedback = emulators(stimulus)

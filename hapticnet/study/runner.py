@@ -10,7 +10,7 @@ from dataclasses import asdict, replace
 from functools import partial
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Any, Literal, Protocol, TypeAlias
+from typing import Any, Literal, TypeAlias
 
 from hapticnet.errors import FileError, UnavailableError
 from hapticnet.experiment.provenance import provenance
@@ -21,6 +21,7 @@ from hapticnet.recordings.session.session import REPORT, Event, Session
 from hapticnet.runtime.recorder import about_master, event_text
 from hapticnet.runtime.system import start_background
 from hapticnet.study.flow import Flow
+from hapticnet.study.fronts import Front
 from hapticnet.study.rig import Outcome, Rig
 from hapticnet.study.rows import AnyRow
 from hapticnet.study.session import SessionSettings, today, version
@@ -29,22 +30,6 @@ from hapticnet.study.tasks import PRACTICE
 from hapticnet.study.trial import Played
 
 RecordingForm: TypeAlias = Literal["mcap", "npz", "none"]
-
-
-class Front(Protocol):
-    """Who answers: a person at a terminal or a page, or a simulated observer."""
-
-    async def show(self, flow: Flow[AnyRow]) -> None:
-        """Show the present screen."""
-        ...
-
-    async def key(self, flow: Flow[AnyRow]) -> str:
-        """Return the next key; "" to look at the screen again."""
-        ...
-
-    async def attend(self, flow: Flow[AnyRow], activity: "asyncio.Future[Outcome]", rig: Rig) -> Outcome:
-        """Pass keys on while an activity is performed; return what came of it."""
-        ...
 
 
 async def conduct(
