@@ -23,7 +23,7 @@ from hapticnet.experiment.provenance import provenance
 from hapticnet.experiment.style import COLOURS, DASHES, MARKERS, VERMILION, legend, mark_level, picture
 from hapticnet.experiment.workers import workers
 from hapticnet.perception import WeberLaw
-from hapticnet.study import hand
+from hapticnet.study import trial
 from hapticnet.study.analysis import PAPER_ERRORS
 from hapticnet.study.observers import CUE_FIELDS, OBSERVERS, Look, Observer, ObserverSettings, contacts, judged
 from hapticnet.study.plan import ConditionPlan, JndPlan, Plan
@@ -59,7 +59,7 @@ class Felt(NamedTuple):
 
 
 def play_library(
-    plan: Plan, *, motions: int, jobs: int, seed: int = 1, make_hand: MakeHand = hand.scripted_hand
+    plan: Plan, *, motions: int, jobs: int, seed: int = 1, make_hand: MakeHand = trial.scripted_hand
 ) -> list[Felt]:
     """Play every order of the tissues under every condition of a plan, with so many motions of the hand each."""
     orders = list(permutations(plan.order.breach_forces_n))
@@ -120,9 +120,9 @@ def linear_plan() -> Plan:
 
 
 def quick_hand(stimulus: Stimulus, push_s: float) -> Any:
-    """Return a hand whose pushes last so long; see `hand.scripted_hand`."""
-    hand.PUSH_S = push_s  # type: ignore[misc]  # each process plays one trial at a time
-    return hand.scripted_hand(stimulus)
+    """Return a hand whose pushes last so long; see `trial.scripted_hand`."""
+    trial.PUSH_S = push_s  # type: ignore[misc]  # each process plays one trial at a time
+    return trial.scripted_hand(stimulus)
 
 
 def answered(

@@ -2,7 +2,7 @@
 
 Where a session stands follows from its rows alone, so a session that was killed goes on where its table ends. A front
 (terminal, page, simulated observer) shows `Flow.screen`, lets the rig perform `Flow.activity`, and calls `press`,
-`complete` and `abort`; `runner.conduct` stores the rows of each call before the next one.
+`complete` and `abort`; `session.conduct` stores the rows of each call before the next one.
 """
 
 from abc import ABC, abstractmethod

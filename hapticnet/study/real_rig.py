@@ -19,7 +19,6 @@ from hapticnet.runtime.system import SystemEntropy, now_us
 from hapticnet.runtime.timer import Ticker, either, until
 from hapticnet.runtime.udp import HostPort, open_toward
 from hapticnet.runtime.watching import Watcher, Watchers
-from hapticnet.study.hand import scripted_hand
 from hapticnet.study.rig import (
     SETTLE_US,
     TICK_US,
@@ -35,7 +34,7 @@ from hapticnet.study.rig import (
     procedure_of,
 )
 from hapticnet.study.scene import SCENE_SPEC, NamedTissues
-from hapticnet.study.trial import Stimulus
+from hapticnet.study.trial import Stimulus, scripted_hand
 
 if TYPE_CHECKING:
     from hapticnet.node.procedures import Meeting

@@ -28,9 +28,8 @@ from hapticnet.node.slave import SlaveNode
 from hapticnet.operator.base import Operator
 from hapticnet.protocol.states import Ended, LinkStale, Refused, SessionLost
 from hapticnet.scene.base import Touchable
-from hapticnet.study.hand import scripted_hand
 from hapticnet.study.scene import NamedTissues
-from hapticnet.study.trial import Played, Stimulus, played
+from hapticnet.study.trial import Played, Stimulus, played, scripted_hand
 
 TICK_US: Final = 1000
 LEAD_US: Final = 300_000  # time [µs] from the start of a presentation to the first force

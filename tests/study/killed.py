@@ -12,8 +12,7 @@ import sys
 import time
 from pathlib import Path
 
-from hapticnet.study.runner import conduct
-from hapticnet.study.session import SessionSettings, open_session
+from hapticnet.study.session import SessionSettings, conduct, open_session
 from hapticnet.study.tasks import LIMITS, ORDER
 from tests.study.conducted import DATE, SMALL, GivenRig, WillingFront
 

@@ -23,8 +23,7 @@ from hapticnet.study import screens
 from hapticnet.study.real_rig import Body, RealRig
 from hapticnet.study.rig import LIFTED_US, Fault, LiftWatch, Meet, Pair, VirtualRig
 from hapticnet.study.rows import OrderRow
-from hapticnet.study.runner import conduct, record_trials
-from hapticnet.study.session import open_session, write_participant
+from hapticnet.study.session import conduct, open_session, record_trials, write_participant
 from hapticnet.study.store import read_table
 from hapticnet.study.tasks import LIMITS
 from hapticnet.study.trial import NO_MEASURES, Stimulus

@@ -14,9 +14,8 @@ import pytest
 from hapticnet.errors import FileError, SettingsError, UnavailableError
 from hapticnet.study import screens
 from hapticnet.study.rows import LimitsRow, OrderRow, columns
-from hapticnet.study.runner import conduct
 from hapticnet.study.screens import ScreenKind
-from hapticnet.study.session import check_number, open_session
+from hapticnet.study.session import check_number, conduct, open_session
 from hapticnet.study.store import opened, read_rows, read_table, stored_schedule
 from tests.cli.test_cli_errors import ROOT
 from tests.study.conducted import DATE, GivenRig, WillingFront

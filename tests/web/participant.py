@@ -18,8 +18,7 @@ from hapticnet.study.page import ParticipantPage, SeenHand
 from hapticnet.study.plan import Plan
 from hapticnet.study.rig import Activity, Meet, Outcome
 from hapticnet.study.rows import OrderRow
-from hapticnet.study.runner import conduct
-from hapticnet.study.session import SessionSettings, open_session
+from hapticnet.study.session import SessionSettings, conduct, open_session
 from hapticnet.study.tasks import ORDER
 from hapticnet.study.trial import NO_MEASURES, Played, Stimulus
 from hapticnet.web.access import Access, listen_for_pages

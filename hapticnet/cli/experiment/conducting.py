@@ -38,16 +38,19 @@ from hapticnet.study.plan import ASK, Plan, find_plan
 from hapticnet.study.real_rig import Body, RealRig
 from hapticnet.study.rig import VirtualRig
 from hapticnet.study.rows import Row
-from hapticnet.study.runner import RecordingForm, conduct, record_trials, usual_form
 from hapticnet.study.scene import SCENE_SPEC
 from hapticnet.study.schedule import participant_number
 from hapticnet.study.session import (
+    RecordingForm,
     SessionSettings,
     account_of,
     check_session,
+    conduct,
     keep_plan,
     law_of_participant,
     open_session,
+    record_trials,
+    usual_form,
 )
 from hapticnet.study.tasks import LIMITS, ORDER
 from hapticnet.study.texts import english
