@@ -231,7 +231,7 @@ class AppliedForce:
             self._predictor.move(now_us, self._position_m)
         if not self._hold.is_fresh(now_us):
             return self._hold.value(now_us)
-        predict = self._foretell if self._stream.predicts else None
+        predict = self._predict if self._stream.predicts else None
         return self._predictor.expected(now_us, self._at_us, lead_us, self.received_n, predict)
 
     def _go_on_with(self, stream: _Stream) -> None:
@@ -239,7 +239,7 @@ class AppliedForce:
         self._stream, self._next = stream, None
         self._predictor = ForcePredictor(self._axes)
 
-    def _foretell(self, lead_us: int, position_m: Vector) -> Vector:
+    def _predict(self, lead_us: int, position_m: Vector) -> Vector:
         """Return what the decoder predicts [N] for a position [m] ahead."""
         decoder: Any = self._stream.rendering  # one that predicts
         force_n: Vector = decoder.predict(self._at_us + lead_us, position_m, self._position_us + lead_us)

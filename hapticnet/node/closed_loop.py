@@ -113,7 +113,7 @@ class _Link:
             for position in self._forward.due(due_us):
                 self._answer(position, due_us)
             for update in self._feedback.due(due_us):
-                self._take_in(update, due_us)
+                self._receive(update, due_us)
         at_us = now_us
         if self._heard is not None:  # a prediction for the newest position that can have been answered by now
             t_us, heard_us = self._heard
@@ -141,8 +141,8 @@ class _Link:
         elif self._missing_since_us is None:
             self._missing_since_us = now_us
 
-    def _take_in(self, update: _Update, now_us: int) -> None:
-        """Let the master decode an update, unless it has a later one."""
+    def _receive(self, update: _Update, now_us: int) -> None:
+        """Decode an update at the master, unless it has a later one."""
         if self._heard is not None and update.t_us <= self._heard[0]:
             return
         try:

@@ -276,11 +276,11 @@ class Feedback:
         """Whether the newest update is a model of the contact ahead."""
         return self._announcing is not None and self._announcing.on_model
 
-    def step(self, sample: PositionSample, told: int | None) -> None:
-        """Step the models as the scene was; `told` is the state that the master reports of its own, if it does."""
+    def step(self, sample: PositionSample, state: int | None) -> None:
+        """Step the models as the scene was; `state` is what the master reports of its own model, if it does."""
         if self._announcing is not None and self._models is not None:
-            self._announcing.step(sample.t_us, sample.position_m, told)
-            self._models.move(sample.t_us, sample.position_m, told)
+            self._announcing.step(sample.t_us, sample.position_m, state)
+            self._models.move(sample.t_us, sample.position_m, state)
 
     def answer(self, sample: PositionSample, force_n: Vector, now_us: int) -> tuple[bytes | None, bytes | None]:
         """Return the payload of the update that a force takes, and the datagram to send; None where there is none.

@@ -62,6 +62,7 @@ class MasterNode:
         self.settings = settings
         self.times = StepTimes(clock)  # the times of steps of operator, device and a user's codec
         self.notices: dict[Code, str] = {}  # what slaves told about the sessions, the newest of each code
+        # time [µs] between two positions, as the slave has granted it; each is sent in the tick nearest to its time
         self.position_period_us = round(1e6 / settings.rate_hz)
         self.ticks = 0
         self.positions_due = 0  # number of ticks so far in which a position was due
@@ -81,9 +82,7 @@ class MasterNode:
         self._applied = AppliedForce(self._codec, settings.hold, operator.axes)
         self._port = PassivityController(operator.axes, settings.law.floor_n) if settings.passive else None
         self._rendering = Rendering(device, settings, operator.axes)
-        # No slave may slow the force loop down: its limits hold for the rate of the device.
-        # period_us, position_period_us: time [µs] between two ticks, and between two positions that are sent, as the
-        # slave has granted it. A position is sent in the tick nearest to the time it is due.
+        # time [µs] between two ticks. No slave may slow the force loop down: its limits hold for the device's rate.
         self.period_us = round(1e6 / max(settings.rate_hz, self._rendering.least_rate_hz))
         self._operator_time = self.times.of(getattr(operator, "what", "the operator"))
         self._device_time = self.times.of(self._rendering.what)
@@ -93,12 +92,13 @@ class MasterNode:
         self._first_touch = FirstTouch(fingertip) if settings.first_touch and fingertip is not None else None
         self._script_start_us: int | None = None
         self.position_m: Vector | None = None  # position [m] of the newest tick; None before there is a session
+        self.axes = operator.axes
         self._zero_n: Vector = (0.0,) * operator.axes
         # force [N] of all axes as it is held: decayed where the link is stale, zero after a failure
         self.held_n = self._ahead_n = self._zero_n
         # force [N] requested of the device and sensed by it, and the displacement [m] of its platform
         self.target_n = self.sensed_n = self.displacement_m = 0.0
-        self._connections = 0
+        self.connections = 0  # number of sessions so far
         self.scene_name: str | None = None  # what the slave calls the scene; None before there is a session
         self.in_force = InForce()  # which settings are in force, and were
         self._granted: SettingsInForce | None = None
@@ -127,11 +127,6 @@ class MasterNode:
         return self._applied.age
 
     @property
-    def axes(self) -> int:
-        """Number of axes of a position and of a force."""
-        return len(self._zero_n)
-
-    @property
     def largest_n(self) -> float | None:
         """Largest force [N] that is asked of the device; None without one that renders forces by a force loop."""
         return self._rendering.with_loop.largest_n if self._rendering.with_loop is not None else None
@@ -142,14 +137,9 @@ class MasterNode:
         return self._rendering.fingertip.status if self._rendering.fingertip is not None else None
 
     @property
-    def connections(self) -> int:
-        """Number of sessions so far."""
-        return self._connections
-
-    @property
     def connected(self) -> bool:
         """Whether there has been a session."""
-        return self._connections > 0
+        return self.connections > 0
 
     @property
     def finished(self) -> bool:
@@ -273,7 +263,7 @@ class MasterNode:
     def _press(self, now_us: int) -> None:
         self._device_time.begin()
         try:
-            felt = self._rendering.press(self.held_n, self._ahead_n, now_us, counts=self._connections > 0)
+            felt = self._rendering.press(self.held_n, self._ahead_n, now_us, counts=self.connections > 0)
         except Exception as error:  # what drives a device may raise anything; it is asked for no force from now on
             self._fail(f"the device failed: {in_words(error)}", now_us)
             return
@@ -347,7 +337,7 @@ class MasterNode:
             "in_force": self.in_force.report(),
             "ticks": self.ticks,
             "sealed": self.session.sealed,
-            "connections": self._connections,
+            "connections": self.connections,
             **self._rendering.report(),
             "damped_j": self._port.damped_j if self._port else None,
             "round_trip": self.session.round_trip.report(),
@@ -429,7 +419,7 @@ class MasterNode:
             return
         self._events.append(event)
         if isinstance(event, Connected):
-            self._connections += 1
+            self.connections += 1
             self.scene_name = event.grant.scene
             self._granted = SettingsInForce.of(self._request(self._next_codec), event.grant)
             self.position_period_us = round(1e6 / self._granted.rate_hz)

@@ -88,7 +88,7 @@ class SlaveContext:
         self._stepped_us = now_us
         self._pending: PositionSample | None = None
         self.reckoning = DeadReckoning(round(1e6 / grant.rate_hz)) if grant.position_share else None
-        self._is_told = False
+        self._knows_bound = False
         self.between = 0
         self._answered: _Answered | None = None
         self._positions = Raw().decoder(scene.axes)
@@ -96,7 +96,7 @@ class SlaveContext:
         self._period_us = 1e6 / grant.rate_hz
         self._scene_time = times.of(getattr(scene, "what", f"scene {scene.name}"))
         self._codec_time = times.of_codec(codec)
-        self._told: int | None = None  # which layers of the model the master has pierced
+        self._master_state: int | None = None  # which layers of the model the master has pierced
         self._zero_n = (0.0,) * scene.axes
         self._error = RunningError(codec.law)
 
@@ -142,7 +142,7 @@ class SlaveContext:
             return False
         if self.session.seal is not None:
             self.address = address  # the newest datagram that opens tells where the master is
-        t_us, (told, position_m, velocity_m_per_s) = taken
+        t_us, (state, position_m, velocity_m_per_s) = taken
         if self.reckoning is not None:
             self.reckoning.receive(PromisedLine(t_us, position_m, velocity_m_per_s), now_us)
         if self._pending is not None:
@@ -150,7 +150,7 @@ class SlaveContext:
             self._scene_time.unanswered += 1
             self._codec_time.unanswered += 1
         self._pending = new_tuple(PositionSample, (t_us, position_m))
-        self._told = told if self.session.in_step else None
+        self._master_state = state if self.session.in_step else None
         return True
 
     def _read(self, payload: bytes) -> tuple[int | None, Vector, Vector]:
@@ -158,14 +158,14 @@ class SlaveContext:
 
         Raise PeerError if it is malformed.
         """
-        told = None
+        state = None
         if self.grant.announced:
-            told, payload = read_state(payload)
+            state, payload = read_state(payload)
         if self.reckoning is not None:
             line = unpack_line(0, payload, self.scene.axes)
-            return told, line.position_m, line.velocity_m_per_s
+            return state, line.position_m, line.velocity_m_per_s
         self._positions.decode(0, payload)
-        return told, self._positions.reconstruct(0), ()
+        return state, self._positions.reconstruct(0), ()
 
     @property
     def waits(self) -> bool:
@@ -236,13 +236,13 @@ class SlaveContext:
         if reckoning is None or look is None or self.paused is not None:
             return
         try:
-            news = reckoning.news(look(), position_m, first=not self._is_told)
+            news = reckoning.news(look(), position_m, first=not self._knows_bound)
         except Exception as error:  # a user's scene may raise anything, and return anything
             self._fail(error)
             return
         if news is not None:
-            self._is_told = True
-            self.session.tell(news)
+            self._knows_bound = True
+            self.session.set_bound(news)
 
     def _answer(self, sample: PositionSample, force_n: Vector, now_us: int) -> bytes | None:
         """Return the datagram that answers a position with its force, if any."""
@@ -301,8 +301,8 @@ class SlaveContext:
         except Exception as error:  # a user's scene may raise anything
             self._fail(error)
             return self._zero_n
-        self.feedback.step(sample, self._told)
-        self._told = None
+        self.feedback.step(sample, self._master_state)
+        self._master_state = None
         return force_n
 
     def _fail(self, error: Exception) -> None:

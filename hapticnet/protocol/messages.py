@@ -48,8 +48,7 @@ PERCENT: Final = Range("loss", 0, 100, "%")  # shares in the report of loss
 
 
 HELLO_BYTES: Final = 400
-"""Smallest HELLO datagram [B]. The padding makes every answer to a stranger smaller than the question, so that a slave
-cannot be used to amplify a flood of forged HELLOs."""
+"""Smallest HELLO datagram [B]: no answer to an unknown peer is larger, so a flood of forged HELLOs is not amplified."""
 
 NAME_BYTES: Final = 64
 REASON_BYTES: Final = 200

@@ -7,7 +7,7 @@ update that needs no earlier one:
 - Repeat: while the master reports loss, the present stimulus is sent again soon after an update, as long as the
   probability that the master holds something that can be told apart from it is too high.
 - Pace: while the master reports loss, the longest silence is shortened until a run of losses hardly ever lasts as long
-  as the master waits before it lets go of the force.
+  as the master waits before it releases the force.
 
 Without reported loss only the first is active, and costs nothing unless an update is lost.
 """
@@ -72,7 +72,7 @@ class Repair:
         self.keepalive_us = self._longest_us  # the longest silence at present [µs]
         self._settings = settings.repair
         self._law = law
-        self._age_limit_us = settings.stale_after_us  # silence after which the master lets go
+        self._age_limit_us = settings.stale_after_us  # silence after which the master releases the force
         self._recovering = False
         self._sent: deque[Sent] = deque(maxlen=MOST_REMEMBERED)  # the oldest first
         self._since_us = 0  # since when the oldest is waited for

@@ -13,7 +13,7 @@ IDLE_KEEPALIVES: Final = 10
 
 
 class Entropy(Protocol):
-    """A source of numbers that a stranger must not be able to guess.
+    """A source of numbers that nobody must be able to guess.
 
     `runtime.system.SystemEntropy` asks the operating system. In virtual time a seeded `numpy.random.Generator` serves.
     """
@@ -24,7 +24,7 @@ class Entropy(Protocol):
 
 
 def random_bytes(rng: Entropy, count: int) -> bytes:
-    """Return `count` bytes (a multiple of four) that a stranger cannot guess."""
+    """Return `count` bytes (a multiple of four) that nobody can guess."""
     return b"".join(int(rng.integers(0, 1 << 32)).to_bytes(4, "big") for _ in range(count // 4))
 
 
@@ -96,7 +96,7 @@ class SessionSettings:
         return IDLE_KEEPALIVES * self.keepalive_us
 
     def stale_after(self, idle: bool) -> int:
-        """Return `stale_after_us`, longer while next to no force is applied, so that nothing has to be let go."""
+        """Return `stale_after_us`, longer while next to no force is applied, so that nothing has to be released."""
         return 5 * self.stale_after_us if idle else self.stale_after_us
 
     def __post_init__(self) -> None:

@@ -120,7 +120,7 @@ class SlaveSession:
             self.in_step = False
             if newest is not None:
                 if self._sent_since is not None:
-                    self._note_told(newest)
+                    self._note_bound_known(newest)
                 self.repair.acknowledged(newest, now_us)
                 force = self._newest_force
                 self.in_step = force is not None and (newest == force or distance(newest, force) >= 0)
@@ -162,7 +162,7 @@ class SlaveSession:
         self.repair.kept_alive(self._sequence, now_us, held, tells=self._bound is not None)
         return self._datagram(Kind.KEEPALIVE, Keepalive(wrap(t_us), self._newest_force, self._bound), now_us)
 
-    def tell(self, bound: bytes) -> None:
+    def set_bound(self, bound: bytes) -> None:
         """Add a stiffness bound to every FORCE and KEEPALIVE until one of them is acknowledged."""
         self._bound, self._sent_since = bound, None
 
@@ -212,7 +212,7 @@ class SlaveSession:
         self.sent.add(kind, len(datagram))
         return datagram
 
-    def _note_told(self, newest: int) -> None:
+    def _note_bound_known(self, newest: int) -> None:
         """Note an acknowledgement: every datagram since `_sent_since` carried the bound."""
         since = self._sent_since
         if since is not None and distance(newest, since) >= 0 and distance(self._sequence, newest) > 0:
