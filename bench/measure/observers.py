@@ -137,16 +137,14 @@ def answered(
 
 
 def figures(orders: Any, experiments: int) -> dict[str, Any]:
-    """Return shares of correct orders and of errors by kind."""
+    """Return the share of correct orders, and how many of the wrong ones have soft and hard swapped."""
     right = (orders == np.arange(3)).all(axis=1)
     each = right.reshape(experiments, PEOPLE * TRIALS).mean(axis=1)
     place = np.argsort(orders, axis=1)
-    wrong = {f"{low}{high}": float((place[:, low] > place[:, high]).mean()) for low, high in ((0, 1), (1, 2), (0, 2))}
     return {
         "correct": float(right.mean()),
         "low": float(np.quantile(each, 0.025)),
         "high": float(np.quantile(each, 0.975)),
-        "wrong_pairs": wrong,
         "ends_swapped_among_wrong": float((place[:, 0] > place[:, 2])[~right].mean()) if (~right).any() else math.nan,
     }
 
@@ -262,13 +260,13 @@ def tables(result: dict[str, Any]) -> list[str]:
             own = [row for row in result[key] if row["observer"] == name]
             cells = [f"{100 * row['correct']:.1f} [{100 * row['low']:.0f}, {100 * row['high']:.0f}]" for row in own]
             lines.append(f"| {name} | {' | '.join(cells)} |")
-    lines += ["", "pairs wrong at 4 JND [%]", "", "| | soft–middle | middle–hard | soft–hard | soft–hard, of wrong |"]
-    lines.append("|---|---|---|---|---|")
+    lines += ["", "softest and hardest swapped, of wrong orders at 4 JND", ""]
     fatigued = {"observer": "fatigue", "threshold": 4.0, **result["fatigue"][-1]}
-    for row in [*result["mechanisms"], fatigued]:
-        if row["threshold"] == 4.0:
-            cells = [f"{100 * share:.1f}" for share in row["wrong_pairs"].values()]
-            lines.append(f"| {row['observer']} | {' | '.join(cells)} | {100 * row['ends_swapped_among_wrong']:.0f} % |")
+    lines += [
+        f"- {row['observer']}: {100 * row['ends_swapped_among_wrong']:.0f} %"
+        for row in [*result["mechanisms"], fatigued]
+        if row["threshold"] == 4.0
+    ]
     lines += ["", "pushes", "", "| push [s] | observer | condition | correct |", "|---|---|---|---|"]
     for row in result["pushes"]:
         lines.append(f"| {row['push_s']} | {row['observer']} | {row['condition']} | {100 * row['correct']:.1f} |")

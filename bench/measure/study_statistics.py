@@ -81,28 +81,19 @@ def _procedure(plan: Plan, number: int) -> Procedure:
 
 
 def rules(people: int) -> list[dict[str, Any]]:
-    """Return, for each kind of participant, how many the rules of the default plan exclude, and the JND of the others.
-
-    The share that the rule of a third of the catch series would exclude stands beside it.
-    """
+    """Return how many of each kind of participant the default plan excludes, and the JND of the others."""
     rows = []
     for name, (method, subject) in SUBJECTS.items():
         plan = Plan(limits=LimitsPlan(method=method))  # type: ignore[arg-type]
-        excluded, by_series, kept, pairs = 0, 0, [], []
+        excluded, kept, pairs = 0, [], []
         for number in range(1, people + 1 if method == "ascending" else people // 5 + 1):
             rng = np.random.default_rng([9, number, len(rows)])
             procedure = _procedure(plan, number)
-            answer, alarmed = subject(rng), set()
-            asked = 0
+            answer, asked = subject(rng), 0
             while (question := procedure.question()) is not None:
-                said = answer(question)
                 asked += 1
-                if question.catch and said == "different":
-                    alarmed.add(question.series)
-                procedure.answer(said)
+                procedure.answer(answer(question))
             counts = {key: getattr(procedure, key, None) for key in ("false_alarms", "catch_pairs")}
-            series = round(plan.limits.catch * 15)
-            by_series += len(alarmed) > series / 3
             pairs.append(asked)
             try:
                 found = participant_file(
@@ -119,7 +110,6 @@ def rules(people: int) -> list[dict[str, Any]]:
                 "subject": name,
                 "people": len(pairs),
                 "excluded": excluded / len(pairs),
-                "by_a_third_of_the_series": by_series / len(pairs) if method == "ascending" else None,
                 "weber_fraction_of_the_others": float(np.mean(kept)) if kept else None,
                 "pairs": float(np.mean(pairs)),
             }
@@ -193,13 +183,11 @@ def curve_intervals(experiments: int) -> list[dict[str, Any]]:
 
 def tables(result: dict[str, Any]) -> list[str]:
     """Return the rules as a table of Markdown, and a line of JSON for each design of the intervals."""
-    lines = ["| participants | excluded | by a third of the series | Weber fraction of the others | pairs |"]
-    lines.append("|---|---|---|---|---|")
+    lines = ["| participants | excluded | Weber fraction of the others | pairs |", "|---|---|---|---|"]
     for row in result["rules"]:
-        series, fraction = row["by_a_third_of_the_series"], row["weber_fraction_of_the_others"]
+        fraction = row["weber_fraction_of_the_others"]
         cells = (
             f"{100 * row['excluded']:.1f} %",
-            "–" if series is None else f"{100 * series:.0f} %",
             "–" if fraction is None else f"{fraction:.3f}",
             f"{row['pairs']:.0f}",
         )
