@@ -5,8 +5,6 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from hapticnet.errors import SettingsError
-
 if TYPE_CHECKING:
     from hapticnet.experiment.trials import Trial
     from hapticnet.recordings.loading import Motion, Recording
@@ -44,27 +42,18 @@ def scene_trials(
         touched = source.make()
         hand = scripted_hand(touched.axes, 2, np.random.default_rng(seed))
         return [scene_trial(touched, hand, name=f"{source.name}, scripted hand {seed}")]
-    at_m = None if start is None else parse_start(start)
     trials = []
     for name, motion in _read(files, partial(load_motion, **reading), say):
-        trace = TraceOperator(motion.t_us, placed(motion.position, at_m))
+        trace = TraceOperator(motion.t_us, placed(motion.position, start))
         trials.append(scene_trial(source.make(), trace, name=f"{source.name}, {name}"))
     return trials
-
-
-def parse_start(text: str) -> tuple[float, ...]:
-    """Return coordinates written as X[,Y[,Z]] [m]; raise SettingsError if they are not numbers."""
-    try:
-        return tuple(float(part) for part in text.split(","))
-    except ValueError:
-        raise SettingsError(f"start {text!r} must be one to three numbers in metres, such as 0.01,0,0") from None
 
 
 def _read(
     files: Sequence[Path], read: "Callable[[Path], Motion | Recording]", say: Callable[[str], None]
 ) -> "list[tuple[str, Any]]":
     """Return name and content of each file; files whose names are alike get their whole paths."""
-    from hapticnet.errors import FileError
+    from hapticnet.experiment.trials import check_lasts
 
     stems = [file.stem for file in files]
     found = []
@@ -72,9 +61,6 @@ def _read(
         content = read(file)
         for note in content.notes:
             say(f"{file}: {note}")
-        if content.t_us[-1] == content.t_us[0]:
-            raise FileError(
-                f"{file}: {len(content.t_us)} samples over no time; at least two different times are needed"
-            )
+        check_lasts(file, content.t_us)
         found.append((file.stem if stems.count(file.stem) == 1 else str(file), content))
     return found

@@ -66,7 +66,6 @@ def run_scene(
 
     import numpy as np
 
-    from hapticnet.cli.compare_trials import parse_start
     from hapticnet.cli.console import Console, check_outputs
     from hapticnet.errors import SettingsError
     from hapticnet.experiment.trials import placed
@@ -90,7 +89,7 @@ def run_scene(
         missing=missing,
         max_bytes=max_size,
     )
-    path_m = placed(motion.position, None if start is None else parse_start(start))
+    path_m = placed(motion.position, start)
     world = source.make()
     axes = motion.position.shape[1]
     if axes != world.axes:

@@ -6,7 +6,7 @@ import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from itertools import product
-from typing import Any, Final, NamedTuple, TypeAlias
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -106,56 +106,38 @@ def compare(
     jobs: int = 1,
     on_row: Callable[[Row], None] | None = None,
 ) -> list[Row]:
-    """Run every codec, each with its own law, over every recording.
+    """Run every codec, each with its own law, over every recording; see `api.compare`.
 
     Parameters
     ----------
-    loss
-        Share of the updates that are lost, each at random, or several such shares. A lost update is replaced after
-        `REPAIR_US`.
-    delay_us
-        Delay of each way [µs] at which the felt force is compared with the true one.
-    seed
-        Seed of the losses; all codecs meet the same.
     jobs
         Number of processes. The results do not depend on it, apart from the measured `nanoseconds_per_sample`.
     on_row
-        Called with each row as soon as it is complete, in order.
-
-    Returns
-    -------
-    list of Row
-        A row for each trial, loss and codec; the trial changes slowest, the codec fastest.
+        Called with each row as soon as it is complete, in order: the trial changes slowest, the codec fastest.
 
     Raises
     ------
     SettingsError
-        If a loss is outside 0 to 1, or `delay_us` or `jobs` is out of range.
+        If a loss, `delay_us` or `jobs` is out of range.
     SampleError
         If a codec refuses a sample.
     UnavailableError
-        If a process of the pool ends unexpectedly.
+        If a process ends unexpectedly.
     """
     losses = tuple(loss) if isinstance(loss, Sequence) else (loss,)
     for each in losses:
         check_parameter("loss", each, 0, 1)
     check_parameter("delay_us", delay_us, 0, LONGEST_US)
-    shared = _Shared(trials, codecs, seed, delay_us)
     laws = list(product(range(len(trials)), dict.fromkeys(codec.law for codec in codecs)))
-    cases = list(product(range(len(trials)), losses, range(len(codecs))))
     rows: list[Row] = []
-    with workers(jobs, shared) as ordered_map:
-        limits_found, measured = ordered_map(_limits, laws), ordered_map(_measured, cases)
-        limits = dict(zip(laws, limits_found, strict=True))
-        for (trial, each, codec), found in zip(cases, measured, strict=True):
-            law = codecs[codec].law
-            rows.append(_row(trials[trial], codecs[codec], each, delay_us, limits[trial, law], found))
+    with workers(jobs, _Shared(trials, codecs, seed, delay_us)) as ordered_map:
+        limits = dict(zip(laws, ordered_map(_limits, laws), strict=True))
+        cases = product(range(len(trials)), losses, range(len(codecs)))
+        for row in ordered_map(_row, [(*case, limits[case[0], codecs[case[2]].law]) for case in cases]):
+            rows.append(row)
             if on_row is not None:
-                on_row(rows[-1])
+                on_row(row)
     return rows
-
-
-_Measured: TypeAlias = tuple[CostReport, QualityReport, ErrorReport, float | None, float]
 
 
 class _Shared(NamedTuple):
@@ -224,8 +206,19 @@ def codec_label(codec: Codec) -> str:
     return f"{codec.name}:{','.join(changed)}" if changed else codec.name
 
 
-def _row(trial: Trial, codec: Codec, loss: float, delay_us: int, limits: Limits, measured: _Measured) -> Row:
-    cost, quality, felt, felt_created_share, nanoseconds_per_sample = measured
+def _limits(shared: _Shared, case: tuple[int, WeberLaw]) -> Limits:
+    trial, law = shared.trials[case[0]], case[1]
+    return Limits(holds=fewest_holds(law, trial.stimuli), lines=fewest_lines(law, trial.t_us, trial.stimuli))
+
+
+def _row(shared: _Shared, case: tuple[int, float, int, Limits]) -> Row:
+    trial, loss, codec, limits = shared.trials[case[0]], case[1], shared.codecs[case[2]], case[3]
+    encoding, received = encode_trial(codec, trial, loss=loss, seed=shared.seed)
+    cost = cost_report(codec, trial.t_us, trial.stimuli, encoding)
+    quality = quality_report(
+        codec.law, trial.t_us, trial.stimuli, encoding.decoded, encoding.sent, trial.positions, received=received
+    )
+    felt, created_share = delayed_report(codec, trial, loss=loss, delay_us=shared.delay_us, seed=shared.seed)
     return Row(
         trial=trial.name,
         codec=codec.name,
@@ -236,34 +229,18 @@ def _row(trial: Trial, codec: Codec, loss: float, delay_us: int, limits: Limits,
         floor_n=codec.law.floor_n,
         multiplier=codec.law.multiplier,
         loss=loss,
-        delay_us=delay_us,
+        delay_us=shared.delay_us,
         cost=cost,
         quality=quality,
         felt=felt,
-        felt_created_share=felt_created_share,
+        felt_created_share=created_share,
         limits=limits,
         over_optimum=cost.sent / limits.holds if limits.holds else 1.0,
         packets_per_s=cost.sent / trial.seconds,
         wire_bytes_per_s=cost.wire_bytes / trial.seconds,
         session_wire_bytes_per_s=cost.session_wire_bytes / trial.seconds,
-        nanoseconds_per_sample=nanoseconds_per_sample,
+        nanoseconds_per_sample=_nanoseconds_per_sample(codec, trial),
     )
-
-
-def _limits(shared: _Shared, case: tuple[int, WeberLaw]) -> Limits:
-    trial, law = shared.trials[case[0]], case[1]
-    return Limits(holds=fewest_holds(law, trial.stimuli), lines=fewest_lines(law, trial.t_us, trial.stimuli))
-
-
-def _measured(shared: _Shared, case: tuple[int, float, int]) -> _Measured:
-    trial, loss, codec = shared.trials[case[0]], case[1], shared.codecs[case[2]]
-    encoding, received = encode_trial(codec, trial, loss=loss, seed=shared.seed)
-    cost = cost_report(codec, trial.t_us, trial.stimuli, encoding)
-    quality = quality_report(
-        codec.law, trial.t_us, trial.stimuli, encoding.decoded, encoding.sent, trial.positions, received=received
-    )
-    felt, created_share = delayed_report(codec, trial, loss=loss, delay_us=shared.delay_us, seed=shared.seed)
-    return cost, quality, felt, created_share, _nanoseconds_per_sample(codec, trial)
 
 
 def _nanoseconds_per_sample(codec: Codec, trial: Trial) -> float:

@@ -1,14 +1,14 @@
 """The recordings on which codecs are compared: given ones, and the force of a scene along the motion of a hand."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
 
 from hapticnet.arrays import FloatArray, IntArray
 from hapticnet.checks import axes_of, check_above
-from hapticnet.errors import SampleError, SettingsError
+from hapticnet.errors import FileError, SampleError, SettingsError
 from hapticnet.operator.base import Operator
 from hapticnet.operator.scripted import InsertionSettings, ScriptedOperator
 from hapticnet.samples import LARGEST_COMPONENT, PositionSample
@@ -107,16 +107,26 @@ def paper_trial(
     )
 
 
-def placed(positions: FloatArray, start_m: Sequence[float] | None) -> FloatArray:
-    """Return positions [m], shape (n, a), moved so that the first is at `start_m`; unchanged if that is None.
+def placed(positions: FloatArray, start: str | None) -> FloatArray:
+    """Return positions [m], shape (n, a), moved so that the first is at `start`, written as X[,Y[,Z]] [m].
 
-    SettingsError if the start has another number of axes.
+    Without a start they are unchanged. SettingsError if it is not as many numbers as there are axes.
     """
-    if start_m is None:
+    if start is None:
         return positions
+    try:
+        start_m = [float(part) for part in start.split(",")]
+    except ValueError:
+        raise SettingsError(f"start {start!r} must be one to three numbers in metres, such as 0.01,0,0") from None
     if len(start_m) != positions.shape[1]:
         raise SettingsError(
             f"the start has {len(start_m)} coordinates; the positions have {axes_of(positions.shape[1])}"
         )
     moved: FloatArray = positions - positions[0] + np.asarray(start_m, dtype=np.float64)
     return moved
+
+
+def check_lasts(path: Path, t_us: IntArray) -> None:
+    """Raise FileError if the samples of a file span no time."""
+    if t_us[-1] == t_us[0]:
+        raise FileError(f"{path}: {len(t_us)} samples over no time; at least two different times are needed")

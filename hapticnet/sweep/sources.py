@@ -13,10 +13,10 @@ from hapticnet.channel.settings import ChannelSettings
 from hapticnet.channel.spec import parse_channel
 from hapticnet.codec.base import Codec
 from hapticnet.codec.registry import codec_parameters, make_codec, parse_codec, split_codec
-from hapticnet.errors import FileError, SettingsError
+from hapticnet.errors import SettingsError
 from hapticnet.experiment.comparison import codec_label
 from hapticnet.experiment.grid import LAW_KEYS, grid_codecs
-from hapticnet.experiment.trials import Trial, scene_trial
+from hapticnet.experiment.trials import Trial, check_lasts, scene_trial
 from hapticnet.files import MAX_BYTES
 from hapticnet.operator.scripted import InsertionSettings, PalpatingOperator, PalpationSettings, ScriptedOperator
 from hapticnet.perception import WeberLaw
@@ -189,8 +189,7 @@ def recorded(path: Path, name: str, reading: Reading) -> Recorded:
     """Return a recording; raise FileError if the file cannot be used."""
     options = reading.model_dump(exclude={"column"})
     found = load_recording(path, columns=reading.column, max_bytes=MAX_BYTES, **options)
-    if found.t_us[-1] == found.t_us[0]:
-        raise FileError(f"{path}: {len(found.t_us)} samples over no time; at least two different times are needed")
+    check_lasts(path, found.t_us)
     return Recorded(Trial(name=name, t_us=found.t_us, stimuli=found.force, positions=found.position))
 
 
