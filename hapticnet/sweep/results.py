@@ -112,19 +112,19 @@ def open_results(store: Store) -> Results:
     return Results(store, about, varied)
 
 
-def chosen(
-    results: Results, shown: Shown, by: Sequence[str] | None, of: Sequence[str] | None
-) -> tuple[tuple[str, ...], tuple[str, ...]]:
+def chosen(results: Results, shown: Shown) -> tuple[tuple[str, ...], tuple[str, ...]]:
     """Return the groups and measures that are asked for, by the study, or that are usual; SettingsError if unknown."""
-    groups = tuple(by or shown.by or _usual(results))
-    measures = tuple(of or shown.of or DEFAULT_MEASURES.get(results.about["task"], results.about["measures"][:3]))
-    for name in groups:
-        if name not in results.settings:
-            raise SettingsError(f"--by: there is no setting {name!r}; there are: {', '.join(results.settings)}")
-    for name in measures:
-        if name not in results.numbers:
-            raise SettingsError(f"--of: there is no measure {name!r}; there are: {', '.join(results.numbers)}")
+    groups = tuple(shown.by or _usual(results))
+    measures = tuple(shown.of or DEFAULT_MEASURES.get(results.about["task"], results.about["measures"][:3]))
+    _check_known("--by", "setting", groups, results.settings)
+    _check_known("--of", "measure", measures, results.numbers)
     return groups, measures
+
+
+def _check_known(option: str, what: str, names: Sequence[str], known: Sequence[str]) -> None:
+    for name in names:
+        if name not in known:
+            raise SettingsError(f"{option}: there is no {what} {name!r}; there are: {', '.join(known)}")
 
 
 def summary(
@@ -163,11 +163,8 @@ def summary(
 def _usual(results: Results) -> tuple[str, ...]:
     """Return what varies, without what says the same in other words."""
     varied = list(results.varied)
-    for short, longs in (
-        ("codec", ("label",)),
-        ("delay_ms", ("forward", "feedback")),
-        ("loss", ("forward", "feedback")),
-    ):
+    channels = ("forward", "feedback")
+    for short, longs in (("codec", ("label",)), ("delay_ms", channels), ("loss", channels)):
         if short in varied:
             varied = [name for name in varied if name not in longs]
     return tuple(varied)
@@ -202,41 +199,26 @@ def _first_line(error: Exception) -> str:
     return str(error).partition("\n")[0]
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Drawing:
-    """What to draw: the columns of the axes, and those with a line or a panel for each combination of their values.
+def draw(results: Results, shown: Shown, by: Sequence[str], file: Path) -> None:
+    """Draw a figure into a file. Of measures, the mean of each group of runs is drawn.
 
-    Of measures, the mean of each group is drawn. If `x` is a measure, a line has a point for each combination of the
-    values of `by`; if it is a setting, for each of its values.
-    """
-
-    x: str
-    y: str
-    line: tuple[str, ...]
-    panel: tuple[str, ...]
-    by: tuple[str, ...]
-
-
-def draw(results: Results, drawing: Drawing, file: Path, *, where: str | None = None) -> None:
-    """Draw a figure into a file: the mean of each group of runs.
-
-    SettingsError if there is no such column, or there are too many panels.
+    If `shown.x` is a measure, a line has a point for each combination of the values of `by`; if it is a setting, for
+    each of its values. SettingsError if there is no such column, or there are too many panels.
     """
     check_format(file.suffix[1:])
-    for option, name in (("--x", drawing.x), ("--y", drawing.y)):
-        if name not in results.numbers:
-            raise SettingsError(
-                f"{option}: there is no column {name!r} of numbers; there are: {', '.join(results.numbers)}"
-            )
-    for option, settings in (("--line", drawing.line), ("--panel", drawing.panel)):
-        for name in settings:
-            if name not in results.settings:
-                raise SettingsError(f"{option}: there is no setting {name!r}; there are: {', '.join(results.settings)}")
-    panels = _panels(results, drawing, where)
+    x, y, line, panel = shown.x, shown.y, tuple(shown.line or ()), tuple(shown.panel or ())
+    if x is None or y is None:
+        raise SettingsError("--plot needs --x and --y, because the study's [show] does not name them")
+    _check_known("--x", "column of numbers", [x], results.numbers)
+    _check_known("--y", "column of numbers", [y], results.numbers)
+    _check_known("--line", "setting", line, results.settings)
+    _check_known("--panel", "setting", panel, results.settings)
+    groups = dict.fromkeys([*panel, *line, *([x] if x in results.settings else by)])
+    measures = tuple(dict.fromkeys([x, y]))
+    found = summary(results, tuple(groups), measures, quantiles=(), deviations=True, where=shown.where)
+    panels = _panels(found, x, y, line, panel)
     if len(panels) > MOST_PANELS:
-        raise SettingsError(
-            f"--panel {','.join(drawing.panel)} makes {len(panels)} panels; at most {MOST_PANELS} are drawn"
-        )
+        raise SettingsError(f"--panel {','.join(panel)} makes {len(panels)} panels; at most {MOST_PANELS} are drawn")
     runs = max(runs for _, _, runs in panels)
     columns = 2 if len(panels) == 4 else min(ACROSS, len(panels))
     rows = -(-len(panels) // columns)
@@ -251,21 +233,17 @@ def draw(results: Results, drawing: Drawing, file: Path, *, where: str | None = 
             f"; whiskers: 95 % interval of the mean over up to {runs:,} runs" if runs > 1 else "; one run a point"
         )
         figure.suptitle(results.about["name"] + whiskers, fontsize=9)
-        _finish(figure, grid, drawing)
-
-
-def _finish(figure: Any, grid: Any, drawing: Drawing) -> None:
-    shown = [axes for axes in grid.flat if axes.get_visible()]
-    if drawing.y not in LINEAR:  # errors and rates span decades; shares of answers do not
-        finish_axes(*shown, across="log" if drawing.x.endswith("_per_s") else "linear")
-        for axes in shown:
-            _thin_out(axes)
-    for axes in grid[-1]:
-        axes.set_xlabel(LABELS.get(drawing.x, drawing.x))
-    told = LABELS.get(drawing.y, drawing.y) + (LOG_MARK if grid.flat[0].get_yscale() == "log" else "")
-    figure.supylabel(told, fontsize="medium")  # once: the panels share the axis
-    if drawing.line:
-        legend(figure, *shown)
+        drawn = [axes for axes in grid.flat if axes.get_visible()]
+        if y not in LINEAR:  # errors and rates span decades; shares of answers do not
+            finish_axes(*drawn, across="log" if x.endswith("_per_s") else "linear")
+            for axes in drawn:
+                _thin_out(axes)
+        for axes in grid[-1]:
+            axes.set_xlabel(LABELS.get(x, x))
+        told = LABELS.get(y, y) + (LOG_MARK if grid.flat[0].get_yscale() == "log" else "")
+        figure.supylabel(told, fontsize="medium")  # once: the panels share the axis
+        if line:
+            legend(figure, *drawn)
 
 
 def _thin_out(axes: Any) -> None:
@@ -278,26 +256,20 @@ def _thin_out(axes: Any) -> None:
 
 
 def _panels(
-    results: Results, drawing: Drawing, where: str | None
+    found: Summary, x: str, y: str, line: Sequence[str], panel: Sequence[str]
 ) -> list[tuple[str, Mapping[str, Sequence[tuple[float, ...]]], int]]:
     """Return for each panel its title, its lines, as points (x, y, half widths), and the most runs of a point."""
-    shown = (*drawing.panel, *drawing.line)
-    others = (drawing.x,) if drawing.x in results.settings else drawing.by
-    by = tuple(dict.fromkeys([*shown, *others]))
-    found = summary(
-        results, by, tuple(dict.fromkeys([drawing.x, drawing.y])), quantiles=(), deviations=True, where=where
-    )
     panels: dict[str, dict[str, list[tuple[float, ...]]]] = {}
     runs: dict[str, int] = {}
     for row in found.rows:
         named = dict(zip(found.columns, row, strict=True))
-        x, y = named[f"{drawing.x}_mean"], named[f"{drawing.y}_mean"]
-        if x is not None and y is not None:
-            panel = "\n".join(_values_of(drawing.panel, named))  # two settings do not fit above a panel on one line
-            line = ", ".join(_values_of(drawing.line, named))
-            half_widths = (_half_width(named[f"{name}_sd"], named["runs"]) for name in (drawing.x, drawing.y))
-            panels.setdefault(panel, {}).setdefault(line, []).append((x, y, *half_widths))
-            runs[panel] = max(runs.get(panel, 0), named["runs"])
+        across, up = named[f"{x}_mean"], named[f"{y}_mean"]
+        if across is not None and up is not None:
+            title = "\n".join(_values_of(panel, named))  # two settings do not fit above a panel on one line
+            half_widths = (_half_width(named[f"{name}_sd"], named["runs"]) for name in (x, y))
+            lines = panels.setdefault(title, {})
+            lines.setdefault(", ".join(_values_of(line, named)), []).append((across, up, *half_widths))
+            runs[title] = max(runs.get(title, 0), named["runs"])
     if not panels:
         raise SettingsError("there is nothing to draw: no run without error meets the condition")
     return [

@@ -146,7 +146,7 @@ def test_the_files_are_plain_parquet(swept):
         (("--where", "colour = 'red'"), "DuckDB does not understand the condition"),
         (("--where", "codec = = 1"), "DuckDB does not understand the condition"),
         (("--plot", "figure.gif"), "figure format is 'gif'"),
-        (("--plot", "figure.png", "--x", "codec"), "there is no column 'codec' of numbers"),
+        (("--plot", "figure.png", "--x", "codec"), "there is no column of numbers 'codec'"),
         (("--plot", "figure.png", "--panel", "day"), "there is no setting 'day'"),
         (("--plot", "figure.png", "--where", "loss > 2"), "nothing to draw"),
     ],

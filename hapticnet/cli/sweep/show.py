@@ -9,7 +9,6 @@ from hapticnet import options
 
 if TYPE_CHECKING:
     from hapticnet.sweep.results import Results, Summary
-    from hapticnet.sweep.study import Shown
 
 
 def show(
@@ -41,7 +40,7 @@ def show(
     from hapticnet.cli.console import Console, check_needed, check_new, check_outputs, write_text
     from hapticnet.errors import SettingsError
     from hapticnet.experiment.table import csv_text
-    from hapticnet.sweep.results import chosen, open_results, summary
+    from hapticnet.sweep.results import chosen, draw, open_results, summary
     from hapticnet.sweep.store import STUDY, Store
     from hapticnet.sweep.study import read_study
 
@@ -51,45 +50,25 @@ def show(
         raise SettingsError(f"--quantiles {quantiles!r} must be numbers from 0 to 1, such as 0.05,0.5,0.95") from None
     check_needed("--plot", plot, {"--x": x, "--y": y, "--line": line, "--panel": panel})
     results = open_results(Store(folder))
-    shown = read_study(folder / STUDY).study.show
-    where = where or shown.where
+    given = {"by": by, "of": of, "line": line, "panel": panel}
+    asked = {key: [each.strip() for each in names.split(",") if each.strip()] for key, names in given.items() if names}
+    asked |= {key: text for key, text in (("where", where), ("x", x), ("y", y)) if text}
+    shown = read_study(folder / STUDY).study.show.model_copy(update=asked)
     check_outputs(csv, plot)
     check_new(csv, plot, overwrite=overwrite)
-    groups, measures = chosen(results, shown, _names(by), _names(of))
-    found = summary(results, groups, measures, quantiles=shares, where=where)
+    groups, measures = chosen(results, shown)
+    found = summary(results, groups, measures, quantiles=shares, where=shown.where)
     console = Console("sweep", quiet=json)
     if csv is not None:
         write_text(csv, csv_text(found.columns, found.rows))
         console.say(f"table: {csv}")
     if plot is not None:
-        given = shown.model_copy(
-            update={
-                "x": x or shown.x,
-                "y": y or shown.y,
-                "line": shown.line if line is None else _names(line),
-                "panel": shown.panel if panel is None else _names(panel),
-            }
-        )
-        _draw(results, given, groups, plot, where)
+        draw(results, shown, groups, plot)
         console.say(f"picture: {plot}")
     if json:
         _print_json(results, found)
     elif csv is None and plot is None:
         _print_table(results, found)
-
-
-def _names(text: str | None) -> list[str] | None:
-    return None if text is None else [name.strip() for name in text.split(",") if name.strip()]
-
-
-def _draw(results: "Results", shown: "Shown", groups: tuple[str, ...], file: Path, where: str | None) -> None:
-    from hapticnet.errors import SettingsError
-    from hapticnet.sweep.results import Drawing, draw
-
-    if shown.x is None or shown.y is None:
-        raise SettingsError("--plot needs --x and --y, because the study's [show] does not name them")
-    drawing = Drawing(x=shown.x, y=shown.y, line=tuple(shown.line or ()), panel=tuple(shown.panel or ()), by=groups)
-    draw(results, drawing, file, where=where)
 
 
 def _print_json(results: "Results", found: "Summary") -> None:
