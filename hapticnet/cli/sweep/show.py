@@ -51,7 +51,11 @@ def show(
     check_needed("--plot", plot, {"--x": x, "--y": y, "--line": line, "--panel": panel})
     results = open_results(Store(folder))
     given = {"by": by, "of": of, "line": line, "panel": panel}
-    asked = {key: [each.strip() for each in names.split(",") if each.strip()] for key, names in given.items() if names}
+    asked: dict[str, Any] = {
+        key: [each.strip() for each in names.split(",") if each.strip()]
+        for key, names in given.items()
+        if names is not None
+    }
     asked |= {key: text for key, text in (("where", where), ("x", x), ("y", y)) if text}
     shown = read_study(folder / STUDY).study.show.model_copy(update=asked)
     check_outputs(csv, plot)
