@@ -40,6 +40,8 @@ class Plugged:
         fcntl.ioctl(self._slave, TIOCVHANGUP)
 
     def unplug(self) -> None:
+        if not os.path.lexists(self.path):  # unplugged already
+            return
         self._loop.remove_reader(self._master)
         self._ticker.stop()
         self._folder.cleanup()

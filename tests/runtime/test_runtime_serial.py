@@ -69,58 +69,59 @@ def play(scene, make_loop=loop_factory()):  # noqa: B008
         return runner.run(asyncio.wait_for(scene(), 60))
 
 
-async def unplug_and_wait(*, hang_up: bool = False) -> int:
-    """Return the time until an unplugged device is detected [µs]."""
-    plugged = Plugged(StandIn())
-    driven = Driven(SerialSpec(plugged.path))
-    try:
-        await driven.ready()
-        if hang_up:
-            plugged.hang_up()
-        else:
-            plugged.unplug()
-        took_us = await driven.until(lambda: driven.wired.status != "ready")
-        assert driven.wired.status == "unplugged"
-        assert driven.wired.exchange(0.001, now_us()) is None
-    finally:
-        await driven.stop()
-        if hang_up:
-            plugged.unplug()
-    return took_us
+def play_plugged_in(scene, make_loop=loop_factory()):  # noqa: B008
+    """Run a coroutine function of a stand-in that is plugged in, and of what drives it; return the latter."""
 
-
-@pytest.mark.parametrize("make_loop", [None, loop_factory()], ids=["asyncio", "uvloop"])
-def test_opens_streams_and_moves_although_a_pty_has_no_low_latency_mode(make_loop):
-    async def scene():
+    async def whole():
         plugged = Plugged(StandIn())
         driven = Driven(SerialSpec(plugged.path))
+        try:
+            await scene(plugged, driven)
+        finally:
+            await driven.stop()
+            plugged.unplug()
+        return driven
+
+    return play(whole, make_loop)
+
+
+BOTH_LOOPS = pytest.mark.parametrize("make_loop", [None, loop_factory()], ids=["asyncio", "uvloop"])
+
+
+@BOTH_LOOPS
+def test_opens_streams_and_moves_although_a_pty_has_no_low_latency_mode(make_loop):
+    async def scene(plugged, driven):
         await driven.ready()
         plugged.firmware.adc = 300 * 64
         driven.displacement_m = 0.003
         await driven.until(lambda: bool(driven.reading) and driven.reading.adc == 300.0)
         await driven.until(lambda: plugged.firmware.servos.displacement_m > 0.0029)
         await driven.until(lambda: bool(driven.reading) and driven.reading.displacement_m > 0.0029)
-        await driven.stop()
-        assert driven.wired.exchange(0.0, now_us()) is None
-        plugged.unplug()
-        return driven
 
-    driven = play(scene, make_loop)
+    driven = play_plugged_in(scene, make_loop)
+    assert driven.wired.status == "ready"
+    assert driven.wired.exchange(0.0, now_us()) is None
     assert driven.port.openings == 1
     assert driven.port.unwritten == 0
-    assert driven.wired.status == "ready"
 
 
-# No limits on time here; the reason must be the hang-up itself, not the silence after it.
-@pytest.mark.parametrize("make_loop", [None, loop_factory()], ids=["asyncio", "uvloop"])
-def test_unplugging_is_detected_and_reported(make_loop):
-    assert play(unplug_and_wait, make_loop) < PATIENCE_S * 1e6
+@pytest.mark.parametrize("hangs_up", [False, True])
+@BOTH_LOOPS
+def test_unplugging_is_detected_and_reported(make_loop, hangs_up):
+    """No limits on time here; the reason must be the hang-up itself, not the silence after it."""
 
+    async def scene(plugged, driven):
+        await driven.ready()
+        if hangs_up:
+            plugged.hang_up()
+        else:
+            plugged.unplug()
+        await driven.until(lambda: driven.wired.status != "ready")
+        assert driven.wired.status == "unplugged"
+        assert driven.wired.exchange(0.001, now_us()) is None
 
-@pytest.mark.parametrize("make_loop", [None, loop_factory()], ids=["asyncio", "uvloop"])
-def test_a_hang_up_is_detected_and_reported(make_loop):
     try:
-        assert play(lambda: unplug_and_wait(hang_up=True), make_loop) < PATIENCE_S * 1e6
+        play_plugged_in(scene, make_loop)
     except PermissionError:
         pytest.skip("hanging up a terminal takes CAP_SYS_ADMIN")
 
@@ -166,33 +167,25 @@ def test_an_automatically_found_port_is_found_again_elsewhere(monkeypatch):
 
 
 def test_the_port_of_a_silent_device_is_reopened():
-    async def scene():
-        plugged = Plugged(StandIn())
-        driven = Driven(SerialSpec(plugged.path))
+    async def scene(_, driven):
         await driven.ready()
         driven.wired.wants_reopening = True  # as after three seconds of silence
         await driven.until(lambda: driven.port.openings == 2)
         await driven.ready()
-        await driven.stop()
-        plugged.unplug()
 
-    play(scene)
+    play_plugged_in(scene)
 
 
 def test_garbage_raises_nothing():
-    async def scene():
-        plugged = Plugged(StandIn())
-        driven = Driven(SerialSpec(plugged.path))
+    async def scene(plugged, driven):
         plugged.say(bytes(range(256)) * 10)
         await driven.ready()
         for _ in range(20):
             plugged.say(os.urandom(100))
             await asyncio.sleep(0.005)
         await driven.until(lambda: driven.wired.status == "ready" and driven.wired.report()["frames_damaged"] > 0)
-        await driven.stop()
-        plugged.unplug()
 
-    play(scene)
+    play_plugged_in(scene)
 
 
 def test_a_port_that_accepts_nothing_never_blocks():
@@ -220,41 +213,29 @@ def test_a_port_that_accepts_nothing_never_blocks():
 
 
 def test_waiting_for_a_device_reports_why_there_is_none(tmp_path):
+    async def wait_for(path, within_s):
+        port = SerialPort(asyncio.get_running_loop(), SerialSpec(path), WiredDevice(CALIBRATION))
+        try:
+            await port.wait_ready(within_s)
+        finally:
+            await port.stop()
+
     async def refused():
         plugged = Plugged(StandIn(major=9))
-        wired = WiredDevice(CALIBRATION)
-        port = SerialPort(asyncio.get_running_loop(), SerialSpec(plugged.path), wired)
         try:
-            await port.wait_ready(PATIENCE_S)
+            await wait_for(plugged.path, PATIENCE_S)
         finally:
-            await port.stop()
             plugged.unplug()
 
-    async def missing():
-        wired = WiredDevice(CALIBRATION)
-        port = SerialPort(asyncio.get_running_loop(), SerialSpec(str(tmp_path / "ttyUSB7")), wired)
-        try:
-            await port.wait_ready(PATIENCE_S)
-        finally:
-            await port.stop()
-
-    async def silent():
-        master, slave = os.openpty()
-        wired = WiredDevice(CALIBRATION)
-        port = SerialPort(asyncio.get_running_loop(), SerialSpec(os.ttyname(slave)), wired)
-        try:
-            await port.wait_ready(0.2)
-        finally:
-            await port.stop()
-            os.close(slave)
-            os.close(master)
-
+    master, slave = os.openpty()
     with pytest.raises(RefusedError, match="make -C firmware flash"):
         play(refused)
     with pytest.raises(UnavailableError, match=r"ttyUSB7 is missing.*hapticnet device find"):
-        play(missing)
+        play(lambda: wait_for(str(tmp_path / "ttyUSB7"), PATIENCE_S))
     with pytest.raises(UnavailableError, match="HELLO"):
-        play(silent)
+        play(lambda: wait_for(os.ttyname(slave), 0.2))
+    os.close(slave)
+    os.close(master)
 
 
 def test_the_reason_why_a_port_cannot_be_opened_is_explained(tmp_path, monkeypatch):
