@@ -16,26 +16,22 @@ RESULTS = DOCKER / "results"
 LIST_KEYS = "find /keys /public -type f -printf '%p:%m\\n'"
 
 
-def succeeds(*command):
-    return subprocess.run(command, capture_output=True, check=False).returncode == 0
-
-
 @pytest.fixture
-def compose(tool_is_missing):
+def compose(docker_compose):
     """Return a function that runs a compose command in a scenario; containers are removed afterwards."""
-    if shutil.which("docker") is None or not succeeds("docker", "info"):
-        tool_is_missing("no Docker engine runs here")
-    plugin = succeeds("docker", "compose", "version")
-    if not plugin and shutil.which("docker-compose") is None:
-        tool_is_missing("neither 'docker compose' nor 'docker-compose' is installed")
-    program = ["docker", "compose"] if plugin else ["docker-compose"]
     # If only the host can reach the package index, build images on its network.
     RESULTS.mkdir(exist_ok=True)
     RESULTS.chmod(0o777)  # the account of the image writes there
     environment = {"BUILD_NETWORK": "host", "INSERTIONS": "1"} | os.environ
 
     def run(scenario, *arguments):
-        command = [*program, "-f", DOCKER / "compose.yaml", "--env-file", DOCKER / "scenarios" / f"{scenario}.env"]
+        command = [
+            *docker_compose,
+            "-f",
+            DOCKER / "compose.yaml",
+            "--env-file",
+            DOCKER / "scenarios" / f"{scenario}.env",
+        ]
         return subprocess.run([*command, *arguments], capture_output=True, text=True, check=False, env=environment)
 
     yield run
