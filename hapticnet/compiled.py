@@ -54,11 +54,7 @@ _compiled: dict[tuple[Any, ...], Callable[..., Any]] = {}
 
 
 def compiled(
-    function: Callable[..., Any],
-    *,
-    name: str = "",
-    using: Mapping[str, Any] | None = None,
-    makes_arrays: bool = False,
+    function: Callable[..., Any], *, name: str = "", using: Mapping[str, Any] | None = None, makes_arrays: bool = False
 ) -> Callable[..., Any]:
     """Return a plain function compiled, the same object every time.
 

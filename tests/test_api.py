@@ -184,11 +184,7 @@ def test_compare_takes_several_recordings_and_codec_objects():
 
 @pytest.mark.parametrize(
     ("arguments", "message"),
-    [
-        ({"codecs": []}, "nothing to compare"),
-        ({"loss": 2.0}, "loss is 2.0"),
-        ({"t_us": T_S}, "if these are seconds"),
-    ],
+    [({"codecs": []}, "nothing to compare"), ({"loss": 2.0}, "loss is 2.0"), ({"t_us": T_S}, "if these are seconds")],
 )
 def test_a_comparison_that_cannot_be_made_is_refused(arguments, message):
     with pytest.raises(hn.HapticnetError, match=message):

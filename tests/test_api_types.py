@@ -63,15 +63,7 @@ link.run(1)
 hn.nothing
 """
 
-REVEALED = (
-    "hapticnet.api.encoding.Encoded",
-    "tuple[Any, ...]",
-    "float",
-    "list[int]",
-    "bytes | None",
-    "float",
-    "int",
-)
+REVEALED = ("hapticnet.api.encoding.Encoded", "tuple[Any, ...]", "float", "list[int]", "bytes | None", "float", "int")
 MISTAKES = (
     'Argument "rate_hz" to "encode" has incompatible type "str"',
     'Too many positional arguments for "encode"',
