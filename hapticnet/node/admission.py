@@ -284,11 +284,7 @@ class Admission:
     def admit(
         self, visitor: Visitor, sequence: int, address: Address, host: Hashable, seats: SessionTable, now_us: int
     ) -> SlaveContext:
-        """Return a context for a master whose HELLO had the number `sequence`.
-
-        Nothing has changed for the present sessions then: the new one takes a seat, and the scene of another, when its
-        first position arrives. Raise RefusalError if the slave cannot serve what the master asks for.
-        """
+        """Return a context for a master, which changes nothing before its first position; RefusalError if refused."""
         request, entry = visitor.request, visitor.entry
         if visitor.responder is not None and entry is None:
             raise RefusalError(Code.KEY, "this slave does not know the master's key: add it to its list of masters")

@@ -160,10 +160,7 @@ class AppliedForce:
                 stream.line_decoder.move(stream.time_us(now_us, period_us), place_m, now_us)
 
     def receive(self, event: ForceArrived, now_us: int) -> Applied | None:
-        """Apply a force that has arrived; return None if it is one whose model must catch up first.
-
-        Raise PeerError if its payload is malformed. A user's codec may raise anything.
-        """
+        """Apply a force that has arrived; None if its model must catch up first. PeerError if it is malformed."""
         stream = self._stream if self._next is None or event.is_parting else self._next
         return self._apply(stream, event, now_us) if stream.decode(event) else None
 
@@ -223,10 +220,7 @@ class AppliedForce:
             self.age.add(now_us - self._valid_t_us)
 
     def expected(self, now_us: int, lead_us: int) -> Vector:
-        """Return the force [N] expected `lead_us` from now; the held one unless the link is alive and all of it held.
-
-        Called once a tick, after `advance`. A user's codec may raise anything.
-        """
+        """Return the force [N] expected `lead_us` from now, after `advance`; the held one unless the link is alive."""
         if self._position_m is not None:
             self._predictor.move(now_us, self._position_m)
         if not self._hold.is_fresh(now_us):

@@ -118,10 +118,7 @@ COST_OF_BEGINNING: Final = 5  # to begin a model costs as much as to step it thr
 
 
 class Allowance:
-    """What may still be played of the past before the next position. The decoders of a master share one.
-
-    A position costs 1, and 1 for each layer.
-    """
+    """What may still be played of the past before the next position, at 1 a position and 1 for each of its layers."""
 
     def __init__(self) -> None:
         self.left = MOST_PLAYED
@@ -182,10 +179,7 @@ class AnnouncedDecoder:
         return 0 if self._model is None else self._model.state
 
     def move(self, t_us: int, position: Vector, state: int | None = None) -> None:
-        """Move the tool: to be called for each position, in order of time.
-
-        `state` tells which layers are pierced there, where somebody knows better.
-        """
+        """Move the tool, in order of time; `state`: which layers are pierced there, where somebody knows better."""
         if self._trail and (t_us < self._trail[-1][0] or self._trail[-1] == (t_us, position)):
             return
         self._trail.append((t_us, position))

@@ -27,11 +27,7 @@ CHANGES_KEPT: Final = 1000
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SettingsInForce:
-    """What is in force from now on, all of it: at the first session, and after each change.
-
-    A change of the session counts from its first force that is applied; until then the forces of the session before
-    are held.
-    """
+    """What is in force from the first force applied with it, all of it: at the first session and after each change."""
 
     # the feedback codec and the JND. With a `position_share` the codec has the rest of the JND.
     codec: str
@@ -162,10 +158,7 @@ class SceneResumed:
 
 @dataclass(frozen=True, slots=True)
 class MasterRefused:
-    """A master that has proved its address was refused a session, for `reason`.
-
-    `public` is the public key it proved to have; None for an open session.
-    """
+    """A master with a proved address was refused; `public` is the key it proved to have, None: an open session."""
 
     name: str
     address: Address

@@ -91,10 +91,7 @@ class AnnouncingEncoder:
         self._refresh = True
 
     def step(self, t_us: int, position: Vector, state: int | None = None) -> None:
-        """Step the model to a position; `encode` does so unless it was done for the position.
-
-        `state` tells which layers are pierced there at a master that has the newest update.
-        """
+        """Step the model; `state` tells which layers are pierced at a master that has the newest update."""
         self._before, self._now = self._now, (t_us, position)
         if self._model is not None:
             self._model.step(t_us, position)
@@ -283,10 +280,7 @@ class Feedback:
             self._models.move(sample.t_us, sample.position_m, state)
 
     def answer(self, sample: PositionSample, force_n: Vector, now_us: int) -> tuple[bytes | None, bytes | None]:
-        """Return the payload of the update that a force takes, and the datagram to send; None where there is none.
-
-        Raise SceneFailedError if the force is not finite, or a user's codec fails.
-        """
+        """Return payload and datagram that answer a force, None where there is none; SceneFailedError if that fails."""
         session = self._session
         try:
             due = session.repair.is_due(now_us, force_n)
@@ -312,10 +306,7 @@ class Feedback:
         return None, None
 
     def account_sent(self, sample: PositionSample, payload: bytes | None) -> None:
-        """Let the mirror take in what was sent for a position.
-
-        Raise SceneFailedError if the codec cannot read what it wrote.
-        """
+        """Let the mirror read what was sent for a position; SceneFailedError if the codec cannot read what it wrote."""
         try:
             if payload is not None:
                 self.mirror.decode(sample.t_us, payload)

@@ -54,10 +54,7 @@ FingertipEvent: TypeAlias = DeviceLost | DeviceFound | ForceFault | FingerMet | 
 
 
 class Fingertip:
-    """A device and the force loop that drives it.
-
-    A device that returns after a loss is treated as a new one: it starts retracted and searches for the finger slowly.
-    """
+    """A device and the force loop that drives it. A device that returns after a loss is treated as a new one."""
 
     def __init__(self, device: Device, limits: LimitSettings, control: ForceControlSettings) -> None:
         self.device = device
@@ -97,11 +94,7 @@ class Fingertip:
         return self.controller.fault or self.device.status
 
     def press(self, force_n: float, now_us: int, ahead_n: float | None = None) -> None:
-        """Move the device one step toward a force [N]; called every tick.
-
-        `ahead_n`: force [N] expected `lead_us` from now; None if nobody says. It rises no further above the target than
-        the target can within that time.
-        """
+        """Move the device one step toward a force [N]; `ahead_n`: that expected `lead_us` from now, if known."""
         reading = self.reading
         if reading is None:
             # Without a device the limiter falls to zero, from where the force rises when the device returns.
@@ -213,12 +206,7 @@ class Rendering:
         return self.with_loop.device.least_rate_hz if self.with_loop is not None else 0.0
 
     def press(self, held_n: Vector, ahead_n: Vector, now_us: int, *, counts: bool) -> tuple[float, float, float]:
-        """Render a force [N]; return the force [N] requested and sensed, and the displacement [m] of the platform.
-
-        What drives a device may raise anything.
-
-        `ahead_n`: the force expected by the time the device will have moved.
-        """
+        """Render a force [N]; return force [N] requested and sensed, and displacement [m]. May raise anything."""
         fingertip = self.fingertip
         assert fingertip is not None, "there is a device"  # noqa: S101 - the caller's fault
         rendered_n = self._part(held_n)

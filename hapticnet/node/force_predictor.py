@@ -95,11 +95,7 @@ class ForcePredictor:
         )
 
     def expected(self, now_us: int, at_us: int, lead_us: int, force_n: Vector, predict: Predict | None) -> Vector:
-        """Return the force [N] expected `lead_us` from now; called once a tick, after `move`.
-
-        `at_us`: time [µs] of the position whose force is applied now; earlier than now on a link with a delay.
-        `predict`: the decoder's forecast; None if it has none.
-        """
+        """Return the force [N] expected `lead_us` after now, at which the force of a position at `at_us` is applied."""
         if not self._times_us:
             return force_n
         self._compare(now_us, force_n)

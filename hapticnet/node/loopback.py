@@ -64,10 +64,7 @@ class Loopback:
         self.run(1_000_000)
 
     def _exchange(self, now_us: int) -> int | None:
-        """Exchange the datagrams that are due, until neither side has anything left to send.
-
-        Return when the slave has something to do next [µs], or None.
-        """
+        """Exchange what is due until neither side has more to send; return when the slave is due next [µs]."""
         master, slave, forward, feedback = self.master, self.slave, self.forward, self.feedback
         while True:
             for datagram in master.datagrams_to_send():

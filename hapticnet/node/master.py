@@ -201,10 +201,7 @@ class MasterNode:
             self._fail(f"the codec failed: {in_words(error)}", now_us)
 
     def check(self, now_us: int, waited_us: Clock = no_wait) -> None:
-        """Look whether operator, device and codec keep up with the ticks; call this a few times a second.
-
-        `waited_us` returns how long this thread has waited for a processor in all [µs].
-        """
+        """Look a few times a second whether operator, device and codec keep up; `waited_us`: see `StepTimes.check`."""
         self._events.extend(self.times.check(now_us, waited_us) or ())
 
     def drive(self, now_us: int) -> None:

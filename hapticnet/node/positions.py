@@ -68,13 +68,7 @@ class Forward:
         state: int | None = None,
         difference: Difference | None = None,
     ) -> Vector | None:
-        """Send the position of a tick in a session that sends those that matter, if it does.
-
-        Return where the slave takes the tool to be if nothing is lost; None if it does not follow a line.
-
-        `applied_n`: the newest force [N] as the decoder reconstructs it.
-        `state`: what the slave must know of the model that is rendered; None: there is none.
-        """
+        """Send the position of a tick if it matters; return where the slave takes the tool to be, if on a line."""
         self._ticks += 1
         sender = self._sender
         assert sender is not None, "every position is to be sent"  # noqa: S101 - the caller's fault
@@ -177,10 +171,7 @@ class DeadReckoning:
         return place_m if self.bound is None else self.bound.nearest(place_m)
 
     def news(self, bound: StiffnessBound | None, position_m: Vector, *, first: bool) -> bytes | None:
-        """Take in what the scene says at a position; return what the master must be told, if anything.
-
-        `first`: whether the master has not been told anything.
-        """
+        """Follow the bound that the scene says at a position; return what the master must be told, if anything."""
         bound = rounded_bound(bound)
         if bound is not None and not bound.contains(position_m):
             bound = None

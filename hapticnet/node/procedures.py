@@ -51,10 +51,7 @@ class Procedure:
         self._start_us: int | None = None
 
     def _elapsed_us(self, now_us: int) -> int | None:
-        """Return the time since the first reading; None before it.
-
-        Raise UnavailableError if the device gives no readings for too long, or the force loop has given up.
-        """
+        """Return the time since the first reading, if any; UnavailableError after too long, or with a fault."""
         fingertip = self.fingertip
         if fingertip.controller.fault is not None:
             raise UnavailableError(fingertip.controller.fault)
@@ -178,10 +175,7 @@ class Tuned:
 
 
 class Tuning(Procedure):
-    """Search for the finger over the whole travel, press it with a few rising forces, and retract.
-
-    The fingertip's travel should be that of the platform.
-    """
+    """Search the whole travel of the platform for the finger, press it with a few rising forces, and retract."""
 
     def __init__(self, fingertip: Fingertip, *, max_force_n: float = TUNING_FORCES_N[-1]) -> None:
         super().__init__(fingertip)

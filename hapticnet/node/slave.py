@@ -93,10 +93,7 @@ class SlaveNode:
         self.account_sent(now_us)
 
     def receive_datagrams(self, batch: Iterable[tuple[bytes, Address]], now_us: int) -> None:
-        """Process what has arrived since the last call, then answer the newest position of each session.
-
-        Send the answers at once, then call `account_sent`.
-        """
+        """Process what has arrived, then answer the newest position of each session; send that, then `account_sent`."""
         self._table.see(now_us)
         for data, address in batch:
             self._receive(data, address, now_us)
@@ -117,10 +114,7 @@ class SlaveNode:
         self._to_account.clear()
 
     def tick(self, now_us: int) -> None:
-        """Forget sessions that have long been silent; step the scenes along the lines that their masters promised.
-
-        Send the answers at once, then call `account_sent`.
-        """
+        """Forget sessions that were silent for long, and step scenes along lines; send that, then `account_sent`."""
         self._table.see(now_us)
         for context in self._table.expired(now_us):
             self._forget(context, Trigger.IDLE, "nothing arrived from the master")
@@ -201,10 +195,7 @@ class SlaveNode:
                 self._end(context, "the key is no longer served", now_us, code=Code.KEY)
 
     def report(self) -> dict[str, Any]:
-        """Return the account of the sessions for JSON: the present ones and the newest that have ended.
-
-        Sessions that never took a seat count among the unknown peers.
-        """
+        """Return the account of the sessions for JSON, present and ended; those without a seat are unknown peers."""
         return {
             "sessions": [*self._ended, *(self._report(context) for context in self.contexts if context.seated)],
             "never_used": self.never_used,

@@ -110,11 +110,7 @@ class SlaveContext:
         return self._feedback
 
     def is_own(self, ticket: bytes) -> bool | None:
-        """Return whether the holder of a ticket is this context's own master; None if the ticket is of another scene.
-
-        Tickets of sessions that were to continue this one count, too: their masters may have got the WELCOME, although
-        no position of theirs arrived here.
-        """
+        """Return whether the holder of a ticket is this context's own master, now or as a successor; None: unknown."""
         return True if ticket == self.grant.ticket else self._successors.get(ticket)
 
     def add_successor(self, other: "SlaveContext") -> None:
@@ -154,10 +150,7 @@ class SlaveContext:
         return True
 
     def _read(self, payload: bytes) -> tuple[int | None, Vector, Vector]:
-        """Return what the payload of a position says: the state of the master's model, a place [m], a velocity [m/s].
-
-        Raise PeerError if it is malformed.
-        """
+        """Return state of the model, place [m] and velocity [m/s] of a position; PeerError if malformed."""
         state = None
         if self.grant.announced:
             state, payload = read_state(payload)
@@ -173,10 +166,7 @@ class SlaveContext:
         return self._pending is not None
 
     def answer(self, now_us: int) -> bytes | None:
-        """Move the scene to the newest position; return the datagram that answers it, if any.
-
-        Raise SceneFailedError if the scene or the codec raises.
-        """
+        """Move the scene to the newest position; return the answer, if any. SceneFailedError if that fails."""
         sample, self._pending = self._pending, None
         if sample is None:
             return None
@@ -194,10 +184,7 @@ class SlaveContext:
             return None
 
     def step_between(self, now_us: int) -> bytes | None:
-        """Step the scene along the line that the master promised; return the datagram that this takes, if any.
-
-        Raise SceneFailedError if the scene or the codec raises.
-        """
+        """Step the scene along the promised line; return the answer, if any. SceneFailedError if that fails."""
         sample = self.reckoning.due(now_us) if self.reckoning is not None else None
         if sample is None:
             return None
@@ -257,10 +244,7 @@ class SlaveContext:
         return datagram
 
     def account_sent(self) -> None:
-        """Account for the last answer, once it is on its way: nobody waits for that.
-
-        Raise SceneFailedError if the codec cannot read what it wrote.
-        """
+        """Account for the last answer, once it is on its way; SceneFailedError if the codec cannot read it."""
         answered, self._answered = self._answered, None
         if answered is None:
             return

@@ -109,10 +109,7 @@ NOT_TIMED: Final = _Untimed("", lambda: 0)
 
 
 class StepTimes:
-    """The times of all code that a node steps.
-
-    `clock`: the clock; None: steps are not timed, as in virtual time.
-    """
+    """The times of all code that a node steps; without a `clock`, as in virtual time, none are taken."""
 
     def __init__(self, clock: Clock | None) -> None:
         self._clock = clock

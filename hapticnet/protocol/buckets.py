@@ -4,10 +4,7 @@ import math
 
 
 class TokenBucket:
-    """A bucket of `depth` tokens that fills at `per_second`; each event takes one.
-
-    The bucket is full at first.
-    """
+    """A bucket of `depth` tokens, full at first, that fills at `per_second`; each event takes one."""
 
     def __init__(self, per_second: float, depth: float) -> None:
         self._each_us = 1e6 / per_second

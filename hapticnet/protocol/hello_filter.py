@@ -123,10 +123,7 @@ class HelloFilter:
         self._spent_before: set[tuple[Address, int]] = set()
 
     def greet(self, datagram: Datagram, size: int, address: Address, now_us: int) -> Hello | bytes | None:
-        """Return the HELLO if its sender has proved its address, the answer if it has to, or None for no answer.
-
-        Raise PeerError if the HELLO is malformed; the caller counts it.
-        """
+        """Return the HELLO if its sender has proved its address, an answer, or None; PeerError if it is malformed."""
         if size < HELLO_BYTES:
             raise PeerError(f"HELLO of {size} bytes; pad it to at least {HELLO_BYTES}")
         door = self._doors.get(datagram.version)
@@ -145,10 +142,7 @@ class HelloFilter:
         return pack(Kind.COOKIE, 0, 0, body, datagram.version)
 
     def read(self, datagram: Datagram, hello: Hello, address: Address, host: Hashable, now_us: int) -> Visitor | None:
-        """Read the request of a proved address; None if it was read before or comes too often.
-
-        Raise PeerError if it is malformed; the caller counts it.
-        """
+        """Read the request of a proved address; None if read before or too often. PeerError if malformed."""
         if self._is_spent(address, hello.nonce, now_us):
             return None
         if not (self._hosts.take(host, now_us) and self._all.take(now_us)):

@@ -66,11 +66,7 @@ def default_masters(key: Path) -> Path:
 
 
 def load_key(path: Path) -> PrivateKey:
-    """Return the key in a key file.
-
-    Raise FileError if the file is missing, unreadable, accessible to group or others, another account's, in a folder
-    that all accounts can change, or not TOML. Raise SettingsError if a key is unknown or missing, or is not a key.
-    """
+    """Return the key in a file; FileError or SettingsError unless it is valid and nobody else can access it."""
     if is_missing(path):
         raise FileError(f"{path} does not exist; make it with: hapticnet key new {shlex.quote(str(path))}")
     text = read_document(path)
@@ -128,10 +124,7 @@ def is_missing(path: Path) -> bool:
 
 
 def write_key(path: Path, key: PrivateKey) -> None:
-    """Write a new key file that only its owner can read. Create missing folders.
-
-    Raise FileError if the file exists or cannot be written. An existing file is never changed.
-    """
+    """Write a new key file that only its owner can read; FileError if that fails. No existing file is ever changed."""
     content = {"private": format_key(key.private)}
     if key.psk != NO_PSK:
         content["psk"] = format_key(key.psk)

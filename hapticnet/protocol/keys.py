@@ -30,11 +30,7 @@ MOST_SESSIONS: Final = 100_000
 
 @dataclass(frozen=True, slots=True)
 class PrivateKey:
-    """The key of one host. Neither secret appears in its representation.
-
-    Raise SettingsError if a key has another length. Raise UnavailableError if OpenSSL has not the algorithms of sealed
-    sessions.
-    """
+    """The key of one host, checked; UnavailableError without the algorithms. No secret is in its representation."""
 
     private: bytes = field(repr=False)  # X25519 private key, 32 bytes
     # pre-shared key of a master and its slave, 32 bytes; `NO_PSK` if there is none
@@ -51,10 +47,7 @@ class PrivateKey:
 
 @dataclass(frozen=True, slots=True)
 class MasterKey:
-    """What a master needs for a sealed session: its own key and the public key of its slave.
-
-    Raise SettingsError if `peer` is not a public key, or is the master's own.
-    """
+    """What a master needs for a sealed session; SettingsError if `peer` is no public key, or the master's own."""
 
     own: PrivateKey
     peer: bytes
@@ -92,10 +85,7 @@ class MasterEntry:
 
 
 class Roster:
-    """The masters that a slave admits, found by public key.
-
-    Raise SettingsError if two masters have the same public key or the same name.
-    """
+    """The masters that a slave admits, by public key; SettingsError if two have the same public key or name."""
 
     def __init__(self, masters: Iterable[MasterEntry] = ()) -> None:
         self._by_public: dict[bytes, MasterEntry] = {}
@@ -133,11 +123,7 @@ def format_key(key: bytes) -> str:
 
 
 def parse_key(text: str, name: str, *, secret: bool = False) -> bytes:
-    """Return the 32 bytes of a key written in base64; space around it is ignored.
-
-    `secret`: whether messages must not show the text.
-    Raise SettingsError if the text is not a key.
-    """
+    """Return the 32 bytes of a key in base64; SettingsError, which does not show a `secret` one, if it is no key."""
     text = text.strip()
     try:
         key = binascii.a2b_base64(text.encode("ascii"), strict_mode=True)
@@ -169,10 +155,7 @@ def check_public(name: str, public: bytes) -> None:
 
 @cache
 def check_algorithms() -> X25519PrivateKey:
-    """Check that OpenSSL has what sealed sessions need, and return a private key that nobody uses.
-
-    Raise UnavailableError if it has not: on a machine in FIPS mode.
-    """
+    """Return a private key that nobody uses; UnavailableError if OpenSSL lacks the algorithms, as in FIPS mode."""
     try:
         ChaCha20Poly1305(bytes(KEY_BYTES)).encrypt(bytes(12), b"", None)
         return X25519PrivateKey.from_private_bytes(bytes(KEY_BYTES))

@@ -107,10 +107,7 @@ class MasterSession:
         return self._stream is not None and self._stream.owes_since(self._settings.ack_delay_us, now_us)
 
     def send_position(self, t_us: int, payload: bytes) -> bool:
-        """Send a position of time `t_us` [µs], less often while the link is stale; nothing unless `streaming`.
-
-        Return whether it was sent.
-        """
+        """Send a position of time `t_us` [µs], less often in STALE; return whether it was sent. Needs `streaming`."""
         state = self.state
         if state is _STALE:
             if not self._pace.is_due(t_us):
@@ -123,10 +120,7 @@ class MasterSession:
         return True
 
     def change(self, request: Request) -> None:
-        """Ask for a session with another codec, JND or rate. The present one goes on until that is granted.
-
-        The new session goes on with the scene. If it is refused, `ChangeRefused` says why.
-        """
+        """Ask for a session with another request, which goes on with the scene; until then the present one goes on."""
         if self.state in (MasterState.CLOSING, MasterState.CLOSED):
             return
         before = self._asking.ask_for(request)

@@ -173,10 +173,7 @@ class Position(NamedTuple):
 
 
 class Force(NamedTuple):
-    """Slave to master: the whole stimulus that answers the position of time `t_us`.
-
-    `bound` says how the force may change from there, in sessions whose positions are sent only when they matter.
-    """
+    """Slave to master: the whole stimulus for the position of time `t_us`, and how it may change from there."""
 
     t_us: int
     payload: bytes

@@ -78,10 +78,7 @@ class Initiator:
         self._written = self._start
 
     def write(self, payload: bytes) -> bytes:
-        """Return the first message, of `MESSAGE_1_BYTES` and the payload's length.
-
-        Each call starts the handshake anew, with a fresh ephemeral key: an earlier message's answer is then refused.
-        """
+        """Return the first message. Each call starts the handshake again, with a fresh ephemeral key."""
         transcript = self._start.copy()
         ephemeral = _new_pair(self._rng)
         transcript.mix_ephemeral(ephemeral.public)
@@ -113,11 +110,7 @@ class Initiator:
 
 
 class Responder:
-    """The slave's side of a handshake.
-
-    `prologue`: what both ends know already; see `Initiator`.
-    Raise SettingsError if `static` is not 32 bytes.
-    """
+    """The slave's side of a handshake; SettingsError if `static` is not 32 bytes."""
 
     def __init__(self, static: bytes, prologue: bytes, rng: Entropy) -> None:
         self._static = _pair(static)

@@ -41,10 +41,7 @@ SCHEDULING_US: Final = 5_000
 
 
 class Sent(NamedTuple):
-    """A datagram without acknowledgement: its number, its time, and what is held where it did not arrive.
-
-    `before` is None where that is as right as what was sent.
-    """
+    """A datagram without acknowledgement, and what is held without it; None if its loss does no harm."""
 
     sequence: int
     sent_us: int

@@ -61,11 +61,7 @@ class Seal:
         return head + _BIN_HEADS[len(sealed)] + sealed
 
     def open(self, data: bytes, datagram: Datagram) -> bytes:
-        """Return the body of a sealed datagram, opened.
-
-        Raise PeerError if it was not sealed with this direction's key, was changed, or is two epochs away. It changes
-        nothing.
-        """
+        """Return the opened body; PeerError if of another key, changed or two epochs away. That changes nothing."""
         sequence = datagram.sequence
         body = datagram.body
         # A longer head than the shortest cannot pass: it would put one byte more before it than the sender sealed.

@@ -39,10 +39,7 @@ _HALF_OPEN: Final = SlaveState.HALF_OPEN
 
 
 class SlaveSession:
-    """Sort a master's positions and number the forces that answer them.
-
-    `sparse`: whether positions are sent only when they matter, and acknowledgements with them.
-    """
+    """Sort a master's positions, few of them if `sparse`, and number the forces that answer them."""
 
     def __init__(
         self,

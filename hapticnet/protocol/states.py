@@ -91,10 +91,7 @@ class Connected:
 
 @dataclass(frozen=True, slots=True)
 class ForceArrived:
-    """A force newer than the one applied; `MasterSession.applied` once it is decoded and held.
-
-    `is_parting`: it comes from the session before, which goes on until a force of the new one is applied.
-    """
+    """A force newer than the one applied. `is_parting`: of the session before, until one of the new one is applied."""
 
     sequence: int
     t_us: int
@@ -111,10 +108,7 @@ class BoundArrived:
 
 @dataclass(frozen=True, slots=True)
 class HoldConfirmed:
-    """The slave received the position of time `t_us` and has sent nothing newer than the force applied.
-
-    `is_parting`: as of `ForceArrived`.
-    """
+    """Position `t_us` [µs] arrived, and there is nothing newer than the force applied; `is_parting` as above."""
 
     t_us: int
     is_parting: bool = False
@@ -145,10 +139,7 @@ class SessionLost:
 
 @dataclass(frozen=True, slots=True)
 class Refused:
-    """The slave refused a new session to a master that had one, or because it is about to stop.
-
-    The master asks again after `retry_us` [µs].
-    """
+    """No new session for a master that had one, or from a slave that stops; asked again after `retry_us`."""
 
     reason: str
     code: Code

@@ -144,10 +144,7 @@ NO_LOSS: Final = Loss(0.0, 0.0)
 
 
 class LossEstimate:
-    """The receiver's running estimate.
-
-    `first`: sequence number of the datagram that opened the session.
-    """
+    """The receiver's running estimate, from the number of the first datagram of a session."""
 
     def __init__(self, first: int) -> None:
         self._newest = first

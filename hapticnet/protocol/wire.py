@@ -142,10 +142,7 @@ def unpack(data: bytes) -> Datagram:
 
 
 def unpack_body(body: bytes, length: int, *, optional: int = 0) -> tuple[Any, ...]:
-    """Return the first `length` fields of a body, and up to `optional` more; raise PeerError if it is invalid.
-
-    Fields after those are ignored: they are how a later revision adds to a message.
-    """
+    """Return `length` fields of a body and up to `optional` more, ignoring others; PeerError if it is invalid."""
     fields = _decode(body)
     if length <= len(fields) <= length + optional:
         return fields
