@@ -28,8 +28,7 @@ class _Stream:
         if stiffest_n_per_m is not None:
             self.decoder = self.announced = AnnouncedDecoder(self.decoder, axes, stiffest_n_per_m, allowance)
         self.line_decoder = LineDecoder(codec, axes, stiffest_n_per_m, allowance) if on_a_line else None
-        # when the newest force arrived, on the master's clock, and its time stamp [µs]; None before the first
-        self.heard_us: int | None = None
+        self.heard_us: int | None = None  # when the newest force arrived [µs], and its time stamp
         self.heard_t_us = 0
         self._late: list[tuple[int, ForceArrived]] = []  # models taken in and not applied yet, with their numbers
         self._asked: Decoder | None = None  # the decoder of which it is known whether it predicts

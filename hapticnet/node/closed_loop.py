@@ -25,8 +25,7 @@ class Felt(NamedTuple):
     """What was sent and applied over a network."""
 
     applied: FloatArray  # stimulus [N] applied at each tick, after all that has arrived by then, shape (n, a)
-    # number of updates sent, and of those that the decoder took in
-    sent: int
+    sent: int  # updates sent, and those that the decoder took in
     received: int
 
 

@@ -35,8 +35,7 @@ class SettingsInForce:
     weber_fraction: float
     floor_n: float
     multiplier: float
-    # as the slave has granted them
-    rate_hz: float
+    rate_hz: float  # this and the next three as the slave has granted them
     position_share: float
     announced: bool
     scene: str
@@ -64,8 +63,7 @@ class InForce:
     """Keep what is in force, and what was."""
 
     def __init__(self) -> None:
-        # when each came into force, on the master's clock [µs], and what; the newest last
-        self.history: deque[tuple[int, SettingsInForce]] = deque(maxlen=CHANGES_KEPT)
+        self.history: deque[tuple[int, SettingsInForce]] = deque(maxlen=CHANGES_KEPT)  # when [µs] and what; newest last
         self._session: SettingsInForce | None = None
         self._channels: tuple[str | None, str | None] = (None, None)
 

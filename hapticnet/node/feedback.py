@@ -47,8 +47,7 @@ class AnnouncingAccount:
     models: int = 0  # models sent
     corrections: int = 0  # updates sent because a model was wrong: other models, or payloads of the codec
     unusable: int = 0  # announcements of the scene that break the limits
-    # layers that were left out of announcements because they are too stiff together with those before them
-    left_out: int = 0
+    left_out: int = 0  # layers left out, because they are too stiff with those before them
     on_model: int = 0  # samples at which a model was applied
     fault: str | None = None  # what was wrong with the newest announcement that was not usable as a whole
 
@@ -246,8 +245,7 @@ class Feedback:
     def __init__(
         self, session: SlaveSession, codec: Codec, scene: Touchable, *, announced: bool, rate_hz: float
     ) -> None:
-        # the encoder, and a decoder of what is sent: it holds what the master holds if nothing is lost
-        self.encoder: Encoder = codec.encoder(scene.axes)
+        self.encoder: Encoder = codec.encoder(scene.axes)  # beside a decoder of what is sent
         self.mirror: Decoder = codec.decoder(scene.axes)
         self.held_n: Vector = (0.0,) * scene.axes  # that force [N] at the newest position that was accounted for
         self._session = session

@@ -60,8 +60,7 @@ class Fingertip:
         self.device = device
         max_force_n = min(control.max_force_n, device.max_force_n)
         headroom_n = min(control.headroom_n, 0.5 * max_force_n)
-        # largest force [N] that is requested, so that the overshoot of the loop stays within the device's limit
-        self.largest_n = max_force_n - headroom_n
+        self.largest_n = max_force_n - headroom_n  # largest force requested: leaves room for the overshoot of the loop
         within_device = replace(
             control,
             travel_m=min(control.travel_m, device.travel_m),
@@ -148,7 +147,6 @@ class Actuator:
 
     def __init__(self, device: UserActuator, limits: LimitSettings) -> None:
         self.device = device
-        # 0: an actuator has no platform
         self.target_n = self.displacement_m = 0.0  # force [N] requested of the device, after the limits
         self.reading: Reading | None = None  # the newest force that it sensed; None if it senses none
         self._limiter = ForceLimiter(replace(limits, max_force_n=min(limits.max_force_n, device.max_force_n)))
@@ -190,8 +188,7 @@ class Rendering:
             self.fingertip = device
         else:
             self.fingertip = Fingertip(device, settings.limits, settings.control)
-        # the same if there is a force loop
-        self.with_loop = self.fingertip if isinstance(self.fingertip, Fingertip) else None
+        self.with_loop = self.fingertip if isinstance(self.fingertip, Fingertip) else None  # with a force loop
         self._axis = device_axis(settings.device_takes, axes) if device is not None else None
         self._tracking = RunningError(settings.law)
 

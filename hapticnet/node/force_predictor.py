@@ -48,11 +48,8 @@ class ForcePredictor:
 
     def __init__(self, axes: int) -> None:
         self._axes = axes
-        # change of the applied force with the position [N/m] in the directions in which the hand has moved: one row per
-        # axis of the force
-        self.gradient_n_m: tuple[Vector, ...] = ((0.0,) * axes,) * axes
-        # mean squared errors [N²] of the three forecasts so far: hold, codec, stiffness
-        self.errors_n2 = [0.0, 0.0, 0.0]
+        self.gradient_n_m: tuple[Vector, ...] = ((0.0,) * axes,) * axes  # [N/m], a row for each axis
+        self.errors_n2 = [0.0, 0.0, 0.0]  # of hold, codec, stiffness so far
         self._times_us: list[int] = []
         self._positions_m: list[Vector] = []
         self._learned_m: Vector | None = None

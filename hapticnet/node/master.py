@@ -70,8 +70,7 @@ class MasterNode:
         self.refused = False
         self.failure: str | None = None
         self.paused: str | None = None  # why the operator is not asked for positions; None if it is
-        # rows of every tick and of every datagram, if they are recorded
-        self.recording = Recording(master_columns(operator.axes)) if settings.record else None
+        self.recording = Recording(master_columns(operator.axes)) if settings.record else None  # rows of ticks
         self.datagrams = Recording(DATAGRAM_COLUMNS) if settings.record_datagrams else None
         self._operator = operator
         self._feel: Callable[[int, Vector], None] | None = getattr(operator, "feel", None)
@@ -94,10 +93,8 @@ class MasterNode:
         self.position_m: Vector | None = None  # position [m] of the newest tick; None before there is a session
         self.axes = operator.axes
         self._zero_n: Vector = (0.0,) * operator.axes
-        # force [N] of all axes as it is held: decayed where the link is stale, zero after a failure
-        self.held_n = self._ahead_n = self._zero_n
-        # force [N] requested of the device and sensed by it, and the displacement [m] of its platform
-        self.target_n = self.sensed_n = self.displacement_m = 0.0
+        self.held_n = self._ahead_n = self._zero_n  # as it is held: decayed, or zero after a failure
+        self.target_n = self.sensed_n = self.displacement_m = 0.0  # of the device
         self.connections = 0  # number of sessions so far
         self.scene_name: str | None = None  # what the slave calls the scene; None before there is a session
         self.in_force = InForce()  # which settings are in force, and were

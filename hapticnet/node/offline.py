@@ -16,15 +16,12 @@ from hapticnet.protocol.wire import UDP_IPV4_HEADER_BYTES, force_datagram_bytes,
 class CostReport(ErrorReport):
     """Cost and error of a codec on one recording: the fields of `ErrorReport`, and those below."""
 
-    # samples of the recording, and samples transmitted
-    samples: int
+    samples: int  # of the recording, and transmitted
     sent: int
     packet_rate_reduction: float  # ``1 - sent / samples``
-    # bytes of the FORCE datagrams in a session; the same with 28 B of UDP and IPv4 headers each
-    payload_bytes: int
+    payload_bytes: int  # of FORCE datagrams; the same with 28 B of UDP and IPv4 headers each
     wire_bytes: int
-    # KEEPALIVEs that the slave would send; wire bytes including them
-    keepalives: int
+    keepalives: int  # that the slave would send; wire bytes with them
     session_wire_bytes: int
     wire_byte_reduction: float  # ``1 - wire_bytes / (wire bytes when every sample is sent raw)``
     worst_100ms_packets: int  # most packets in any 100 ms

@@ -169,8 +169,7 @@ class Tuned:
     stiffness_n_m: float  # tangent stiffness at 1 N [N/m]
     contact_m: float  # platform displacement at which it touches the finger [m]
     residual_m: float  # root mean square distance [m] of the points from the fitted fingertip law
-    # the points: sensed force [N] and platform displacement [m]
-    forces_n: tuple[float, ...]
+    forces_n: tuple[float, ...]  # the points: sensed force [N] and displacement [m]
     displacements_m: tuple[float, ...]
 
 

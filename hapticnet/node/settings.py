@@ -33,8 +33,7 @@ class MasterSettings:
     # what to send of them: "raw", every one; "line", those that matter, each with a velocity. A slave whose scene
     # cannot be stepped in between grants "raw".
     positions: Positions = "raw"
-    # with "line": the share of the JND that is spent on positions, 0.01 to 0.9. The codec gets the rest.
-    position_share: float = 0.25
+    position_share: float = 0.25  # with "line": share of the JND for positions, 0.01 to 0.9
     name: str = "master"  # name of this master in the slave's report
     key: MasterKey | None = None  # this master's key and the slave's public key; None for an open session
     record: bool = False  # whether every tick is recorded
@@ -45,8 +44,7 @@ class MasterSettings:
     device_takes: DeviceTakes = "x"  # the axis of the force that the device renders, or its norm
     announced: bool = False  # whether to ask for models of the contact ahead, and to render them at the own position
     passive: bool = False  # whether passivity control damps a force that would return more energy than the hand put in
-    # whether the finger is found and pressed lightly before a session is asked for (`FirstTouch`)
-    first_touch: bool = False
+    first_touch: bool = False  # whether to meet the finger before asking for a session
     session: SessionSettings = field(default_factory=SessionSettings)
     hold: HoldSettings = field(default_factory=HoldSettings)
     limits: LimitSettings = field(default_factory=LimitSettings)
@@ -85,8 +83,7 @@ class SlaveSettings:
 
     record: bool = False  # whether every sample is recorded
     record_datagrams: bool = False  # whether every datagram is recorded
-    # what an exception of the scene does: end the session, or answer with zero force until `resume`
-    on_error: Literal["end", "pause"] = "end"
+    on_error: Literal["end", "pause"] = "end"  # at an exception of the scene: end, or zero force until `resume`
     # what masters that ask for it are told of the contact ahead: what the scene declares, what `MeasuredScene` learns
     # of it, or nothing
     announces: Announces = "declared"

@@ -66,8 +66,7 @@ class SlaveNode:
         self._to_answer: list[SlaveContext] = []
         self._to_account: list[SlaveContext] = []
         self.never_used = 0
-        # why the newest malformed HELLO was dropped, and where it came from; None if there was none
-        self.unread_hello: tuple[str, Address] | None = None
+        self.unread_hello: tuple[str, Address] | None = None  # newest malformed HELLO: why, from where
         self._ended: deque[dict[str, Any]] = deque(maxlen=REPORTS_KEPT)
         self._outbox: list[tuple[bytes, Address]] = []
         self._events: deque[SlaveEvent] = deque()

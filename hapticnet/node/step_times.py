@@ -27,12 +27,10 @@ class StepsTooSlow:
     """The steps of some code take so long that positions go unanswered or ticks are missed; told once of each."""
 
     what: str  # the code, such as "scene own.py:Mine"
-    # time [µs] of a step, on average and at most, and what its rate leaves; of the newest window
-    mean_us: float
+    mean_us: float  # of a step, on average and at most, and what its rate leaves; of the newest window
     longest_us: float
     period_us: float
-    # positions that arrived in that window, and those of them that were not answered; 0 at a master
-    positions: int
+    positions: int  # that arrived in that window, and of them not answered; 0 at a master
     unanswered: int
 
     def __str__(self) -> str:

@@ -33,8 +33,7 @@ class PrivateKey:
     """The key of one host, checked; UnavailableError without the algorithms. No secret is in its representation."""
 
     private: bytes = field(repr=False)  # X25519 private key, 32 bytes
-    # pre-shared key of a master and its slave, 32 bytes; `NO_PSK` if there is none
-    psk: bytes = field(default=NO_PSK, repr=False)
+    psk: bytes = field(default=NO_PSK, repr=False)  # shared by a master and its slave, 32 bytes
     public: bytes = field(init=False)  # public key of `private`, 32 bytes
 
     def __post_init__(self) -> None:

@@ -67,8 +67,7 @@ class MasterSession:
         self._asking = Asking(request, settings, rng, key)
         self._asking.begin(None)
         self._grant: Grant | None = None
-        # share of the JND that positions may use in this session; 0: every position is to be sent
-        self.position_share = 0.0
+        self.position_share = 0.0  # share of the JND for positions; 0: send every position
         self._replaced: Request | None = None  # what was asked for before a change that is not granted yet
         self._stream: MasterStream | None = None
         self._parting: MasterStream | None = None  # the one before: what is on its way in it is still felt
@@ -82,8 +81,7 @@ class MasterSession:
         self._tries_left = settings.close_tries
         self._close_reason = ""
         self._outbox: list[bytes] = []
-        # what has happened since the owner took the last event out, oldest first
-        self.events: deque[MasterEvent] = deque()
+        self.events: deque[MasterEvent] = deque()  # not taken out yet, oldest first
 
     @property
     def streaming(self) -> bool:

@@ -21,8 +21,7 @@ class Freshness:
 
     def __init__(self, max_age_us: int) -> None:
         self.heard_us = 0  # when the last fresh answer arrived that is newer than all before it
-        # age of the least old answer since then that was too old; None if there was none
-        self.too_old_us: int | None = None
+        self.too_old_us: int | None = None  # age of the least old answer since then that was too old
         self.too_old_at_us: int | None = None  # when the last such answer arrived
         self._max_age_us = max_age_us
         self.newest_t_us = 0  # time [µs] of the newest position that was sent

@@ -136,8 +136,7 @@ class Grant(NamedTuple):
     scene: str  # name of the scene
     ticket: bytes  # with it, a later session goes on with this one's scene
     resumed: bool  # whether this session goes on with the scene of an earlier one
-    # whether the contact ahead is announced: payloads then begin with a byte (docs/refer/payloads.md)
-    announced: bool = False
+    announced: bool = False  # whether the contact ahead is announced (docs/refer/payloads.md)
     position_share: float = 0.0  # as in the request; 0 if the master must send every position
 
     def __repr__(self) -> str:
@@ -166,8 +165,7 @@ class Position(NamedTuple):
     """Master to slave: where the tool tip is."""
 
     t_us: int  # time of the position on the master's clock
-    # sequence of the newest FORCE applied, or of the newest KEEPALIVE after it that confirmed it; None: none yet
-    newest: int | None
+    newest: int | None  # sequence of the newest FORCE applied, or of a KEEPALIVE after it that confirmed it
     payload: bytes  # the position
     loss: Loss | None = None  # how many of the slave's datagrams the master misses; None: not reported
 

@@ -62,8 +62,7 @@ class Repair:
     """
 
     def __init__(self, settings: SessionSettings, law: WeberLaw, now_us: int, *, sparse: bool = False) -> None:
-        # the longest silence without loss while no force is felt; None: as while one is
-        self._idle_us = settings.idle_keepalive_us if sparse else None
+        self._idle_us = settings.idle_keepalive_us if sparse else None  # while no force is felt
         self._ack_delay_us = settings.ack_delay_us if sparse else 0
         self._longest_us = settings.sparse_keepalive_us if sparse else settings.keepalive_us
         self.keepalive_us = self._longest_us  # the longest silence at present [µs]

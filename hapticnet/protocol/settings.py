@@ -32,20 +32,17 @@ def random_bytes(rng: Entropy, count: int) -> bytes:
 class RepairSettings:
     """What the slave does against loss. Defaults from bench/measure/repair.py (docs/build/decisions.md, 0010)."""
 
-    # whether each of the three ways is used
-    replaces: bool = True
+    replaces: bool = True  # whether each of the three ways is used
     repeats: bool = True
     paces: bool = True
-    # probability that the master holds a stimulus more than a JND from the present one, above which it is repeated
-    doubt_limit: float = 0.02
+    doubt_limit: float = 0.02  # probability of a miss above a JND, above which is repeated
     # time [µs] from a datagram to its repetition. A miss of m JNDs is repeated after the longest time over m: large
     # changes first. A wait lets short bursts pass.
     shortest_wait_us: int = 2_000
     longest_wait_us: int = 6_000
     repeats_per_position: float = 0.12  # repeats for each position that arrives, at most; bounds the bytes
     shortest_keepalive_us: int = 2_000  # shortest longest silence [µs]
-    # how often losses may make the master believe that the link is dead: once in a quarter of an hour
-    silences_per_s: float = 1.0 / 900.0
+    silences_per_s: float = 1.0 / 900.0  # how often losses may look like a dead link: once in a quarter of an hour
     complete_above: float = 0.005  # share of lost datagrams above which no update builds on earlier ones
 
 
@@ -58,29 +55,23 @@ class SessionSettings:
     hello_interval_us: int = 100_000
     slowest_hello_us: int = 1_000_000
     quick_hellos: int = 20
-    # how long a master that had a session waits after a refusal before it asks again; doubles up to the slowest
-    refused_retry_us: int = 1_000_000
+    refused_retry_us: int = 1_000_000  # wait after a refusal before asking again; doubles up to the slowest
     slowest_retry_us: int = 16_000_000
     stale_after_us: int = 200_000  # silence after which a master declares the link stale; the age limit of a held force
     stale_interval_us: int = 50_000  # longest time between two positions while the link is stale
-    # how long a link is stale before its master asks for a new session, beside the old one
-    ask_again_us: int = 1_000_000
+    ask_again_us: int = 1_000_000  # how long a link is stale before another session is asked for, beside it
     # age of the position that a force answers, on the master's clock, beyond which the force is not applied
     max_age_us: int = 1_000_000
     # how long a slave sends nothing to a master while positions arrive and there is no loss; with loss, `repair`
     # shortens it. Three keepalives in a row may be lost; the fourth still comes before the link goes stale.
     keepalive_us: int = 45_000
-    # how long a master that sends positions only when they matter waits for one before it acknowledges with another
-    ack_delay_us: int = 20_000
-    # how often, and how many times, a master sends CLOSE before it gives up
-    close_interval_us: int = 50_000
+    ack_delay_us: int = 20_000  # wait of a master with few positions for one, before it acknowledges with another
+    close_interval_us: int = 50_000  # how often, and how many times, a master sends CLOSE
     close_tries: int = 5
     keep_us: int = 30_000_000  # silence after which a slave forgets an open session and its scene
     half_open_us: int = 5_000_000  # silence after which a slave forgets a session whose master never sent a position
-    # silence after which an open session may have to give its place to a master of another identity
-    gives_way_us: int = 1_000_000
-    # sessions a slave holds at once, and of these for one key or, without keys, one host
-    most_sessions: int = 64
+    gives_way_us: int = 1_000_000  # silence after which a session may have to give its place to another identity
+    most_sessions: int = 64  # at once, and of these for one key or, without keys, one host
     most_per_identity: int = 16
     first_sequence: int = 0  # sequence number of the first datagram of a session
     repair: RepairSettings = field(default_factory=RepairSettings)  # what the slave does against loss

@@ -211,18 +211,14 @@ def datagrams_needed(loss: Loss, window_us: float, silences_per_s: float) -> int
 class Traffic:
     """Datagrams of one direction."""
 
-    # datagrams and their bytes, UDP and IP headers not included
-    packets: int = 0
+    packets: int = 0  # datagrams and their bytes, UDP and IP headers not included
     payload_bytes: int = 0
-    # datagrams of each kind, by the kind's number (hashing an enum costs more than the rest of the count)
-    by_kind: list[int] = field(default_factory=lambda: [0] * (max(Kind) + 1))
-    # older than the newest one seen; seen before. Both are dropped, except a FORCE that only KEEPALIVEs overtook.
-    late: int = 0
+    by_kind: list[int] = field(default_factory=lambda: [0] * (max(Kind) + 1))  # by number of the kind
+    late: int = 0  # older than the newest; dropped, except a FORCE that only KEEPALIVEs overtook
     duplicate: int = 0
     malformed: int = 0  # not of the protocol, or with invalid contents
     stray: int = 0  # well formed, but of no present session, or with a sequence number that is not believed
-    # forces and keepalives that answer a position beyond the largest age, or one that was never sent; not applied
-    too_old: int = 0
+    too_old: int = 0  # answers to a position beyond the largest age, or never sent; not applied
     over_rate: int = 0  # positions beyond the granted rate; not served
     lost_before: int = 0  # datagrams lost in sessions that have ended
     window: ArrivalWindow | None = None
