@@ -124,7 +124,6 @@ class Presentation(Procedure):
         self._pair = pair
         self._hold = Hold(HoldSettings())
         self._sums = [[0.0, 0.0], [0.0, 0.0]]
-        self._interval: int | None = None
 
     def tick(self, now_us: int) -> bool:
         """Do the next step; return whether both forces are over."""

@@ -25,8 +25,13 @@ NAME = "sub-03_ses-1_task-order_beh.tsv"
 ROW = OrderRow(event="trial", participant="03", session=1, this_n=4, onset_s=1.25, order_answered="213", reason=None)
 
 
-def open_table(folder, *, resume=True, kind=OrderRow):
-    return opened(folder / NAME, kind, "{}\n", resume=resume)
+def open_table(folder, *, resume=True):
+    return opened(folder / NAME, OrderRow, "{}\n", resume=resume)
+
+
+def open_and_close(folder):
+    with open_table(folder):
+        pass
 
 
 def test_what_is_stored_is_read_as_it_was_written(tmp_path):
@@ -68,32 +73,18 @@ def test_a_torn_last_line_is_dropped_and_nothing_else(tmp_path, torn):
     assert [row.this_n for row in read_table(path, OrderRow)] == [4, 5]
 
 
-def test_a_session_is_not_begun_twice(tmp_path):
+def test_a_session_is_begun_once_keeps_its_schedule_and_is_not_shared(tmp_path):
     with open_table(tmp_path, resume=False) as store:
         store.append(ROW)
+        with pytest.raises(SettingsError, match="another process runs this session"):
+            open_and_close(tmp_path)
     before = (tmp_path / NAME).read_bytes()
     with pytest.raises(SettingsError, match="go on with it by --resume"), open_table(tmp_path, resume=False):
         pass
+    with opened(tmp_path / NAME, OrderRow, "another", resume=True):  # the lock goes with the session
+        pass
     assert (tmp_path / NAME).read_bytes() == before
-
-
-def test_the_schedule_of_the_first_begin_stays(tmp_path):
-    with opened(tmp_path / NAME, OrderRow, "first", resume=False):
-        pass
-    with opened(tmp_path / NAME, OrderRow, "second", resume=True):
-        pass
-    assert (tmp_path / "schedule.json").read_text() == "first"
-
-
-def test_two_sessions_do_not_share_a_table(tmp_path):
-    with (
-        open_table(tmp_path),
-        pytest.raises(SettingsError, match="another process runs this session"),
-        open_table(tmp_path),
-    ):
-        pass
-    with open_table(tmp_path):  # the lock goes with the session
-        pass
+    assert (tmp_path / "schedule.json").read_text() == "{}\n"
 
 
 @pytest.mark.parametrize("fails", ["write", "short", "fsync"])
@@ -133,23 +124,18 @@ def test_a_strange_table_is_refused_with_its_line_and_left_alone(tmp_path, chang
     path = tmp_path / NAME
     path.write_bytes(change(path.read_text()).encode("utf-8", "surrogateescape"))
     before = path.read_bytes()
-    with pytest.raises(FileError, match=words), open_table(tmp_path):
-        pass
+    with pytest.raises(FileError, match=words):
+        open_and_close(tmp_path)
     assert path.read_bytes() == before
-
-
-def opened_and_closed(folder):
-    with open_table(folder):
-        pass
 
 
 @pytest.mark.parametrize(
     ("name", "use"),
     [
-        (NAME, opened_and_closed),
+        (NAME, open_and_close),
         (NAME, lambda folder: read_table(folder / NAME, OrderRow)),
         (NAME, lambda folder: read_rows(folder, OrderRow)),
-        (".lock", opened_and_closed),
+        (".lock", open_and_close),
         ("schedule.json", stored_schedule),
     ],
 )
@@ -165,20 +151,13 @@ def test_no_file_of_a_session_is_written_through_a_link(tmp_path, name):
     folder = tmp_path / "session"
     folder.mkdir()
     (folder / name).symlink_to(tmp_path / "precious")
-    with pytest.raises(FileError, match="is a link; expected a regular file"), open_table(folder):
-        pass
+    for temporary in (".schedule.json.part", f".schedule.json.{os.getpid()}.part"):
+        (folder / temporary).symlink_to(tmp_path / "precious")
+    with pytest.raises(FileError, match="is a link; expected a regular file"):
+        open_and_close(folder)
+    (folder / name).unlink()
+    open_and_close(folder)
     assert (tmp_path / "precious").read_text() == "torn"
-
-
-def test_a_temporary_name_that_is_a_link_does_not_lead_out_of_the_folder(tmp_path):
-    (tmp_path / "precious").write_text("precious")
-    folder = tmp_path / "session"
-    folder.mkdir()
-    for name in (".schedule.json.part", f".schedule.json.{os.getpid()}.part"):
-        (folder / name).symlink_to(tmp_path / "precious")
-    with open_table(folder):
-        pass
-    assert (tmp_path / "precious").read_text() == "precious"
     assert (folder / "schedule.json").read_text() == "{}\n"
 
 
