@@ -222,7 +222,7 @@ class Flow(ABC, Generic[AnyRow]):
         return sum(row.this_n == number and row.event in ("aborted", "repeated") for row in rows)
 
     def _perform(self, screen: Screen, activity: Activity, now_us: int) -> None:
-        """Let the rig present an item, once the platform has met the finger."""
+        """Let the rig present an item; it has met the finger."""
         self._emit("started", now_us, **self._values(None))
         self._show(screen, now_us, activity)
 

@@ -3,7 +3,6 @@
 import asyncio
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Final, Self
 
 from hapticnet.errors import HapticnetError, UnavailableError
@@ -42,31 +41,32 @@ if TYPE_CHECKING:
 CONNECT_WITHIN_S: Final = 10.0
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Body:
-    """What stays for the whole session: finger, wire and hand."""
-
-    fingertip: Fingertip
-    wire: Wire | None = None
-    hand: Operator | None = None  # of a person; None for the scripted hand of a simulated observer, which ends trials
-    hand_watchers: Sequence[Watcher[NodeEvent]] = ()  # what must run beside the hand
-
-
 class RealRig:
     """The chain in real time. Use it as an asynchronous context manager.
 
-    At `address` listens the slave, which serves `scene.NamedTissues`; None without trials. `tell` is called with lines
-    for the experimenter.
+    `fingertip`, `wire` and `hand` stay for the whole session; `hand` is that of a person, or None for the scripted hand
+    of a simulated observer, which ends trials. `watchers` run beside the hand. The slave at `address` serves
+    `scene.NamedTissues`; None without trials. `tell` is called with lines for the experimenter.
     """
 
     def __init__(
-        self, body: Body, settings: MasterSettings, address: HostPort | None, *, tell: Callable[[str], None]
+        self,
+        fingertip: Fingertip,
+        settings: MasterSettings,
+        address: HostPort | None,
+        *,
+        tell: Callable[[str], None],
+        wire: Wire | None = None,
+        hand: Operator | None = None,
+        watchers: Sequence[Watcher[NodeEvent]] = (),
     ) -> None:
         self.deepest_m: float | None = None
-        self._body = body
+        self.fingertip = fingertip
         self._settings = settings
         self._address = address
-        self._watchers = Watchers[NodeEvent](body.hand_watchers, tell)
+        self._wire = wire
+        self._hand = hand
+        self._watchers = Watchers[NodeEvent](watchers, tell)
         self._serial: SerialPort | None = None
         self._ticker: Ticker | None = None
         self._procedure: Meeting | Presentation | None = None
@@ -79,8 +79,8 @@ class RealRig:
 
     async def __aenter__(self) -> Self:
         loop = asyncio.get_running_loop()
-        if self._body.wire is not None:
-            self._serial = await open_wire(self._body.wire, asyncio.Event())
+        if self._wire is not None:
+            self._serial = await open_wire(self._wire, asyncio.Event())
         try:
             await self._watchers.start()
         except BaseException:
@@ -134,7 +134,7 @@ class RealRig:
                 return await self._play(activity)
             self._lost = None
             self._performed = asyncio.get_running_loop().create_future()
-            self._procedure = procedure_of(activity, self._body.fingertip)
+            self._procedure = procedure_of(activity, self.fingertip)
             return await self._performed
         except HapticnetError as error:
             return Fault(str(error), lost=isinstance(error, UnavailableError) and not isinstance(activity, Stimulus))
@@ -144,10 +144,9 @@ class RealRig:
     async def _play(self, stimulus: Stimulus) -> Outcome:
         if self._address is None:
             raise UnavailableError("no slave was named")
-        body = self._body
-        hand = body.hand or scripted_hand(stimulus)
+        hand = self._hand or scripted_hand(stimulus)
         sock, slave = open_toward(self._address)
-        node = MasterNode(hand, body.fingertip, stimulus.master_settings(self._settings), SystemEntropy())
+        node = MasterNode(hand, self.fingertip, stimulus.master_settings(self._settings), SystemEntropy())
         disturbances = _Disturbances(self, node)
         self.deepest_m = -math.inf
         forward, feedback = (None if each.settings.is_perfect else each for each in emulators(stimulus))
@@ -165,7 +164,7 @@ class RealRig:
                 wrong = f"the slave at {self._address} serves the scene {node.scene_name!r}"
                 return Fault(f"{wrong}; start it with --scene {SCENE_SPEC}", lost=False)
             limit_s = stimulus.limit_s
-            if body.hand is None and hand.duration_us is not None:
+            if self._hand is None and hand.duration_us is not None:
                 limit_s = (hand.duration_us + SETTLE_US) / 1e6
             await until(self._stop, limit_s)
         finally:
@@ -196,7 +195,7 @@ class RealRig:
                 performed.set_result(Fault(str(error)))
                 self._press_nothing(now)
         self._after_tick(now)
-        while (event := self._body.fingertip.next_event()) is not None:
+        while (event := self.fingertip.next_event()) is not None:
             if isinstance(event, DeviceLost | ForceFault):
                 self._lost = event.reason
 
@@ -206,7 +205,7 @@ class RealRig:
         self._watchers.observe(now)
 
     def _press_nothing(self, now: int) -> None:
-        self._body.fingertip.press(0.0, now)
+        self.fingertip.press(0.0, now)
         if self._serial is not None:
             self._serial.flush(now)
 
@@ -228,22 +227,19 @@ class _Disturbances(Watcher[NodeEvent]):
         rig._after_tick(now_us)
         if rig.deepest_m is not None and self._node.position_m is not None:
             rig.deepest_m = max(rig.deepest_m, self._node.position_m[0])
-        fingertip = rig._body.fingertip
-        if self.fault is None and not rig._stop.is_set():
-            self.fault = self._lift.check(fingertip.target_n, fingertip.sensed_n, now_us)
-            if self.fault is not None:
-                rig._stop.set()
+        self._end(self._lift.check(rig.fingertip.target_n, rig.fingertip.sensed_n, now_us))
 
     def note(self, event: NodeEvent, now_us: int) -> None:
         """End the trial if this event spoils it."""
-        rig = self._rig
-        rig._watchers.note(event, now_us)
-        if self.fault is None and not rig._stop.is_set():
-            self.fault = disturbance(event)
-            if self.fault is not None:
-                if self.fault.lost:
-                    rig._lost = self.fault.reason
-                rig._stop.set()
+        self._rig._watchers.note(event, now_us)
+        self._end(disturbance(event))
+
+    def _end(self, fault: Fault | None) -> None:
+        if fault is not None and self.fault is None and not self._rig._stop.is_set():
+            self.fault = fault
+            if fault.lost:
+                self._rig._lost = fault.reason
+            self._rig._stop.set()
 
     def check(self, now_us: int) -> None:
         """Pass it on."""

@@ -20,7 +20,7 @@ from hapticnet.recordings.session.session import in_force
 from hapticnet.runtime.runners import MasterRunner
 from hapticnet.runtime.udp import HostPort
 from hapticnet.study import screens
-from hapticnet.study.real_rig import Body, RealRig
+from hapticnet.study.real_rig import RealRig
 from hapticnet.study.rig import LIFTED_US, Fault, LiftWatch, Meet, Pair, VirtualRig
 from hapticnet.study.rows import OrderRow
 from hapticnet.study.session import conduct, open_session, record_trials, write_participant
@@ -132,8 +132,8 @@ def test_an_activity_is_stopped_even_while_the_session_before_it_closes(monkeypa
 
     async def stop_each():
         device = SimulatedDevice(PlantSettings(), np.random.default_rng(1))
-        body = Body(fingertip=Fingertip(device, LimitSettings(), ForceControlSettings()))
-        async with RealRig(body, MasterSettings(), HostPort("127.0.0.1", 9), tell=print) as rig:
+        fingertip = Fingertip(device, LimitSettings(), ForceControlSettings())
+        async with RealRig(fingertip, MasterSettings(), HostPort("127.0.0.1", 9), tell=print) as rig:
             for _ in range(3):
                 activity = asyncio.ensure_future(rig.run(STIMULUS))
                 await asyncio.sleep(0)

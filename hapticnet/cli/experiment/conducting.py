@@ -35,7 +35,7 @@ from hapticnet.runtime.udp import HostPort, is_loopback, open_toward, parse_host
 from hapticnet.study.fronts import Keyboard, SimulatedFront, TerminalFront
 from hapticnet.study.observers import ObserverSettings, parse_observer
 from hapticnet.study.plan import ASK, Plan, find_plan
-from hapticnet.study.real_rig import Body, RealRig
+from hapticnet.study.real_rig import RealRig
 from hapticnet.study.rig import VirtualRig
 from hapticnet.study.rows import Row
 from hapticnet.study.scene import SCENE_SPEC
@@ -85,8 +85,9 @@ def run(asked: LimitsOptions) -> None:
     if isinstance(asked, OrderOptions):
         form = asked.record_format or usual_form(real_time=not virtual)
     console = Console(sessions[0].task, quiet=asked.quiet)
-    sessions = [_checked(each) for each in sessions]
     laws: dict[str, list[str]] = {}
+    for each in sessions:
+        check_session(each)
     for each in sessions if is_order else ():
         laws.setdefault(law_of_participant(each).describe(), []).append(each.participant)
     keep_plan(plan, asked.out_dir)
@@ -144,11 +145,6 @@ def _sessions(asked: LimitsOptions, plan: Plan, observer: ObserverSettings | Non
     if any(each.table.exists() for each in sessions):  # of several simulated participants, the last may not have begun
         sessions = [replace(each, resume=each.resume and each.table.exists()) for each in sessions]
     return sessions
-
-
-def _checked(settings: SessionSettings) -> SessionSettings:
-    check_session(settings)
-    return settings
 
 
 def _participants(text: str) -> tuple[str, ...]:
@@ -217,8 +213,7 @@ def _conduct_in_real_time(
         _slave(asked) as (address, master_settings),
         open_session(settings, now_us()) as (flow, store),
     ):
-        body = Body(fingertip=fingertip, wire=wire, hand=hand, hand_watchers=watchers)
-        rig = RealRig(body, master_settings, address, tell=console.say)
+        rig = RealRig(fingertip, master_settings, address, tell=console.say, wire=wire, hand=hand, watchers=watchers)
         about = {"operator": source if observer is None else "scripted", "connect": str(address)}
         keep = record_trials(settings, form, about)
 
