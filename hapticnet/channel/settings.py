@@ -195,10 +195,7 @@ Loss: TypeAlias = BernoulliLoss | GilbertElliottLoss | PatternLoss
 
 
 def parse_loss(text: str) -> Loss:
-    """Return the loss written as ``2%``, ``gilbert:p,r[,h[,k]]`` or ``pattern:0010110``.
-
-    Raise SettingsError if it has another form.
-    """
+    """Return the loss written as ``2%``, ``gilbert:p,r[,h[,k]]`` or ``pattern:0010110``; SettingsError if none."""
     model, colon, arguments = text.partition(":")
     if not colon:
         return BernoulliLoss(parse_share(text))
@@ -267,10 +264,7 @@ class Jitter:
 
 
 def parse_jitter(text: str) -> Jitter:
-    """Return the jitter written as ``normal:5ms``, ``uniform:5ms`` or ``pareto:5ms[:shape]``.
-
-    Raise SettingsError if it has another form.
-    """
+    """Return the jitter written as ``normal:5ms``, ``uniform:5ms`` or ``pareto:5ms[:3]``; SettingsError if none."""
     match text.split(":"):
         case [("normal" | "uniform" | "pareto") as distribution, deviation]:
             return Jitter(distribution=distribution, deviation_us=parse_time_us(deviation))

@@ -64,10 +64,7 @@ def pack_line(line: PromisedLine) -> bytes:
 
 
 def unpack_line(t_us: int, payload: bytes, axes: int) -> PromisedLine:
-    """Return the line in the payload of a POSITION.
-
-    Raise PeerError if the length fits no form, or a component is not finite or out of range.
-    """
+    """Return the line in the payload of a POSITION; PeerError if its length or a component is not allowed."""
     size = 4 * axes
     if len(payload) not in (size, 6 * axes):
         raise PeerError(f"payload of {len(payload)} bytes; a line of {axes} axes has {size} or {6 * axes}")
@@ -110,10 +107,7 @@ def pack_bound(bound: StiffnessBound | None) -> bytes:
 
 
 def unpack_bound(payload: bytes, axes: int) -> StiffnessBound | None:
-    """Return the bound in a payload; None if the scene cannot tell.
-
-    Raise PeerError if the length is wrong, or a number is not finite or out of range.
-    """
+    """Return the bound in a payload, None if the scene cannot tell; PeerError if it is not allowed."""
     if not payload:
         return None
     layout = LAYOUT[axes]

@@ -33,9 +33,8 @@ def all_codecs() -> Mapping[str, type[Any]]:
 def make_codec(name: str, law: WeberLaw, parameters: Mapping[str, float] | None = None) -> Codec:
     """Return the codec called `name` for a person whose perception follows `law`.
 
-    Nothing is imported here: the name may come from the network.
-
-    Raise SettingsError if no codec has that name or the codec has no such parameter; the message lists what there is.
+    Nothing is imported here: the name may come from the network. Raise SettingsError if no codec has that name or the
+    codec has no such parameter; the message lists what there is.
     """
     made = CODECS.get(name) or _user_codecs.get(name)
     if made is None:
@@ -104,10 +103,7 @@ def split_codec(text: str) -> tuple[str, str]:
 
 
 def register_codec(made: type[Any]) -> str:
-    """Make a class from `plugins.user_class` known under its name, and return that.
-
-    Raise SettingsError if another codec has that name.
-    """
+    """Make a class from `user_class` known under its name, and return that; SettingsError if it is taken."""
     name: str = made.name
     other = CODECS.get(name) or _user_codecs.get(name, made)
     if getattr(other, "origin", None) != made.origin:
@@ -145,18 +141,11 @@ def describe_codecs() -> list[dict[str, Any]]:
     """Return name, rule and parameters of every codec, for a person or for JSON."""
     described = []
     for name, codec in all_codecs().items():
-        meanings = _attributes(inspect.getdoc(codec) or "")
-        described.append(
-            {
-                "name": name,
-                "summary": (inspect.getdoc(codec) or "").partition("\n")[0],
-                "needs_position": codec.needs_position,
-                "parameters": [
-                    {"name": key, "default": value, "meaning": meanings.get(key, "")}
-                    for key, value in codec_parameters(codec()).items()
-                ],
-            }
-        )
+        doc = inspect.getdoc(codec) or ""
+        meanings, defaults = _attributes(doc), codec_parameters(codec())
+        parameters = [{"name": key, "default": x, "meaning": meanings.get(key, "")} for key, x in defaults.items()]
+        summary, needs = doc.partition("\n")[0], codec.needs_position
+        described.append({"name": name, "summary": summary, "needs_position": needs, "parameters": parameters})
     return described
 
 

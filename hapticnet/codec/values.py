@@ -138,10 +138,7 @@ class ValueForm:
         return self._packers[form](*value)
 
     def unpack(self, payload: bytes, receiver: object = None) -> tuple[int, Vector]:  # noqa: ARG002
-        """Return the message in a payload.
-
-        Raise PeerError if the length fits no form, or a component is not finite or out of range.
-        """
+        """Return the message in a payload; PeerError if its length fits no form, or a component is out of range."""
         form, read = self._readers.get(len(payload)) or self._refuse(payload)
         value: Vector = read(payload)
         if form == COUNT_BYTES:

@@ -83,10 +83,7 @@ class LearnedFinger:
         return max(self.compliance_m_n - math.sqrt(self._variance), 1.0 / STIFFEST_N_M)
 
     def gain_at(self, force_n: float, elapsed_s: float) -> float:
-        """Return the share (0 to 1) of a deviation that the next update, so much later, attributes to the finger.
-
-        The force [N] is held with the platform at rest.
-        """
+        """Return the share (0 to 1) of a deviation that the next update attributes to a finger held at a force [N]."""
         compression = compressed(force_n)
         k_position, k_compliance, innovation = self._gains(compression, 0.0)
         drift_m2 = self._settings.drift_m**2 * elapsed_s

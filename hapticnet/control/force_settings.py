@@ -79,10 +79,7 @@ class ForceControlSettings:
 
 
 def for_known_finger(*, stiffness_n_m: float, contact_m: float) -> ForceControlSettings:
-    """Return the settings for a tuned finger with a stiffness [N/m] and a contact position [m].
-
-    The search extends past the contact by the distance at which a soft finger is detected.
-    """
+    """Return the settings for a finger of a stiffness [N/m] at a contact position [m], and a search just past that."""
     usual = FingerSettings()
     finger = FingerSettings(
         stiffness_n_m=min(max(stiffness_n_m, SOFTEST_N_M), STIFFEST_N_M), uncertainty=usual.largest_uncertainty

@@ -25,14 +25,10 @@ AT_REST_M: Final = 10e-6
 class HandState(enum.IntEnum):
     """What the hand is doing."""
 
-    FREE = 0
-    """Nobody has it; the needle is at rest."""
-    LIVE = 1
-    """The needle follows the person who has it."""
-    HOLDING = 2
-    """That person fell silent; the needle stops where it is."""
-    WITHDRAWING = 3
-    """Nobody has it; the needle is on its way to its rest position."""
+    FREE = 0  # nobody has it; the needle is at rest
+    LIVE = 1  # the needle follows the person who has it
+    HOLDING = 2  # that person fell silent; the needle stops where it is
+    WITHDRAWING = 3  # nobody has it; the needle is on its way to its rest position
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -91,10 +87,7 @@ class LiveHand:
         self._moved = False
 
     def set_range(self, rest_m: float, deepest_m: float) -> None:
-        """Set where the needle may be; it moves there no faster than at any other time.
-
-        Raise SettingsError if the range is empty or not finite.
-        """
+        """Set where the needle may be; SettingsError if that is empty. The needle moves there at its usual speed."""
         if not (math.isfinite(rest_m) and math.isfinite(deepest_m) and rest_m < deepest_m):
             raise SettingsError(f"the hand's range is {rest_m} to {deepest_m} m; it must not be empty")
         self.range_m = (rest_m, deepest_m)
@@ -122,10 +115,7 @@ class LiveHand:
         self._moved = True
 
     def move(self, position_m: float) -> None:
-        """Set where the person's hand is [m], if somebody has taken it; limited to the range.
-
-        Raise SampleError if the position is NaN.
-        """
+        """Set where the hand is [m], limited to the range, if somebody has taken it; SampleError if it is NaN."""
         if math.isnan(position_m):
             raise SampleError("the position of the hand is NaN; it must be a number")
         if self.state is HandState.LIVE or self.state is HandState.HOLDING:

@@ -37,10 +37,7 @@ JSON_OBJECT: Final = Form("JSON object", True, True)
 
 
 def read_position(data: bytes, axes: int) -> tuple[Form, Vector]:
-    """Return form and position [m] of a datagram.
-
-    Raise PeerError if it is not a position with `axes` coordinates; the message says why.
-    """
+    """Return form and position [m] of a datagram; PeerError if it is no position with so many coordinates."""
     if len(data) > MOST_BYTES:
         raise PeerError(f"a datagram of {len(data)} bytes; a position has at most {MOST_BYTES}")
     is_json = data.startswith((b"{", b"["))

@@ -79,10 +79,7 @@ def stiffest_at(rate_hz: float) -> float:
 
 
 def check_layers(layers: Sequence[LayerAhead], axes: int, stiffest_n_per_m: float) -> None:
-    """Check what is announced.
-
-    Raise SampleError if there are too many layers, or a value is not finite or out of range.
-    """
+    """Raise SampleError if too many layers are announced, or a value is not finite or out of range."""
     if len(layers) > MOST_LAYERS:
         raise SampleError(f"{len(layers)} layers ahead; at most {MOST_LAYERS} are announced")
     for layer in layers:

@@ -236,10 +236,7 @@ class BodyScene:
         self._stamp_us = 0
 
     def step(self, sample: PositionSample) -> ForceSample:
-        """Return the force on a tool at `sample`.
-
-        Raise SampleError if the position is not finite or has another number of axes; the scene does not change.
-        """
+        """Return the force on a tool; SampleError, and no change, if its position is not finite or has other axes."""
         tool_m = checked_vector(sample.position_m, "position")
         if len(tool_m) != self.axes:
             raise SampleError(f"position has {axes_of(len(tool_m))}; the scene has {self.axes}")

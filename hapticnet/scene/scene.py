@@ -68,10 +68,7 @@ class Scene:
         self._ahead_m = self._layers[0].rest_m
 
     def step(self, sample: PositionSample) -> ForceSample:
-        """Return the force on a needle whose tip is at `sample`.
-
-        Raise SampleError if the position is not finite or has more than one axis; the scene does not change.
-        """
+        """Return the force on a needle; SampleError, and no change, if its tip is not finite or has more axes."""
         position_m = sample.position_m
         if len(position_m) != 1:
             raise SampleError(f"position has {axes_of(len(position_m))}; the scene has 1")

@@ -80,10 +80,7 @@ class Tissue:
 
 
 def front_to_back(tissues: Sequence[Tissue]) -> tuple[Tissue, ...]:
-    """Return the tissues in the order in which a needle meets them.
-
-    Raise SettingsError if there is no tissue, or if two share a rest position.
-    """
+    """Return the tissues as a needle meets them; SettingsError if there is none, or if two share a rest position."""
     if not tissues:
         raise SettingsError("the scene has no tissue; it must have at least one")
     ordered = sorted(tissues, key=lambda tissue: tissue.rest_position_m)

@@ -158,16 +158,13 @@ def make_scene(settings: "AnySceneSettings") -> Scene | BodyScene:
 class SceneSource:
     """Makes a scene for each master. This one makes scenes of tissues or bodies."""
 
+    shared = False  # whether all masters touch the same scene
+
     def __init__(self, settings: "AnySceneSettings", file: Path | None = None) -> None:
         self.name = settings.name
         self.file = file  # file that the source is read from, or None
         self.notes: tuple[str, ...] = ()  # what the user should know about that file
         self._settings = settings
-
-    @property
-    def shared(self) -> bool:
-        """Whether all masters touch the same scene."""
-        return False
 
     def prepare(self) -> None:
         """Find out now whether a scene can be made; raise SettingsError if not."""
@@ -193,15 +190,10 @@ class UserSource(SceneSource):
         self.file = found.file
         self.notes = ()
         self._found = found
-        self._shared = getattr(found.found, "shared", False) is True
+        self.shared = getattr(found.found, "shared", False) is True
         self._stock: UserScene | None = None
         self._closers: set[weakref.finalize[..., UserScene]] = set()
         self._faults: list[str] = []
-
-    @property
-    def shared(self) -> bool:
-        """Whether all masters touch the same object."""
-        return self._shared
 
     def prepare(self) -> None:
         """Make the object of the first master, so that its mistakes show at once; raise SettingsError if that fails."""
@@ -211,9 +203,9 @@ class UserSource(SceneSource):
     def make(self) -> "Touchable":
         """Return the object for a master; raise SettingsError if it cannot be made."""
         made = self._stock or self._make()
-        self._stock = made if self._shared else None
+        self._stock = made if self.shared else None
         # A slave lets no two sessions touch one scene, so each master gets its own view of a shared object.
-        return UserScene(made.touched, self._found.label) if self._shared else made
+        return UserScene(made.touched, self._found.label) if self.shared else made
 
     def close(self) -> list[str]:
         """Close the objects that are still in use; return what they raised."""

@@ -124,6 +124,18 @@ def curve_bytes(rule: Any, message: CurveMessage) -> int:
     return (message.form + TRAVEL_BYTES) * len(message.value)
 
 
+def check_travel(value: Vector, thresholds: Vector, law: WeberLaw) -> None:
+    """Raise PeerError if a travel, in thresholds, is too large, or a curve with it does not end in range."""
+    if not (
+        largest_component(thresholds) <= LARGEST_TRAVEL
+        and ends_in_range(value, thresholds, law.threshold_n(magnitude(value)))
+    ):
+        raise PeerError(
+            f"payload holds a travel of {thresholds} thresholds; it must be within ±{LARGEST_TRAVEL:g} and end"
+            f" within ±{LARGEST_COMPONENT:g}"
+        )
+
+
 class CurveForm:
     """Curves as bytes. Satisfies `Form`."""
 
@@ -139,18 +151,10 @@ class CurveForm:
         return self._values.pack((message.form, message.value)) + self._travel.pack(*message.thresholds)
 
     def unpack(self, payload: bytes, receiver: object = None) -> CurveMessage:  # noqa: ARG002
-        """Return the curve in a payload.
-
-        Raise PeerError if the length fits no form, or where it starts or ends is not finite or out of range.
-        """
+        """Return the curve in a payload; PeerError if its length fits no form, or an end is out of range."""
         form, value = self._values.unpack(payload[: -self._travel.size])
         thresholds: Vector = self._travel.unpack(payload[-self._travel.size :])
-        threshold = self._law.threshold_n(magnitude(value))
-        if not (largest_component(thresholds) <= LARGEST_TRAVEL and ends_in_range(value, thresholds, threshold)):
-            raise PeerError(
-                f"payload holds a travel of {thresholds} thresholds; it must be within ±{LARGEST_TRAVEL:g} and end"
-                f" within ±{LARGEST_COMPONENT:g}"
-            )
+        check_travel(value, thresholds, self._law)
         return CurveMessage(form, value, thresholds)
 
 

@@ -124,10 +124,7 @@ class LineForm:
         return value + SINGLE[self._axes].pack(*message.slope)
 
     def unpack(self, payload: bytes, receiver: object = None) -> LineMessage:  # noqa: ARG002
-        """Return the line in a payload.
-
-        Raise PeerError if the length fits no form, or a component is not finite or out of range.
-        """
+        """Return the line in a payload; PeerError if its length fits no form, or a component is out of range."""
         has_counts = len(payload) == 2 * COUNT_BYTES * self._axes
         form = COUNT[self._axes] if has_counts else SINGLE[self._axes]
         value_form, value = self._values.unpack(payload[: -form.size])

@@ -8,12 +8,12 @@ import struct
 from collections.abc import Mapping
 from typing import Final, NamedTuple, Protocol, TypeAlias
 
-from hapticnet.codec.schemes.adaptive_predictive import LARGEST_TRAVEL, CurveNumbers, ends_in_range, share_at
+from hapticnet.codec.schemes.adaptive_predictive import CurveNumbers, check_travel, share_at
 from hapticnet.codec.values import DOUBLE, HALF, SINGLE, threshold_around
 from hapticnet.errors import PeerError
 from hapticnet.perception import WeberLaw
 from hapticnet.samples import LARGEST_COMPONENT, MAX_AXES, Vector
-from hapticnet.vectors import along, dot, in_range, largest_component, limited, magnitude, minus, over, plus, times
+from hapticnet.vectors import along, dot, in_range, limited, minus, over, plus, times
 
 Motion: TypeAlias = tuple[bool, int, int, Vector, Vector]
 """``(is_known, samples, t_us, position, velocity)`` of the tool.
@@ -227,11 +227,7 @@ class MotionForm:
         return head + self._halves.pack(*normal) + (HALF[1].pack(stiffness) if self.axes > 1 else b"")
 
     def unpack(self, payload: bytes, receiver: object = None) -> Message:  # noqa: ARG002
-        """Return the message in a payload.
-
-        Raise PeerError if its kind is unknown, its length is not that of its kind, or a number is not finite or out of
-        range.
-        """
+        """Return the message in a payload; PeerError if kind, length or a number is not allowed."""
         first = payload[0] if payload else -1
         kind, is_wide = first & ~WIDE, bool(first & WIDE)
         if not HOLD <= kind <= COUPLED:
@@ -249,31 +245,26 @@ class MotionForm:
             return Message(kind, is_wide, value, zeros, zeros, 0.0, 0.0)
         if kind == COUPLED:
             *moved, stiffness, viscosity = self._coupling.unpack(rest)
-            return self._checked_coupling(is_wide, value, tuple(moved), stiffness, viscosity)
+            travel: Vector = tuple(moved)
+            if not in_range(travel):
+                raise PeerError(
+                    f"payload holds a travel of {travel} N; it must be finite, within ±{LARGEST_COMPONENT:g}"
+                )
+            self._check_stiffness(stiffness)
+            if not 0.0 <= viscosity <= LARGEST_VISCOSITY:
+                raise PeerError(f"payload holds a viscosity of {viscosity} N·s/m; it is 0 to {LARGEST_VISCOSITY:g}")
+            return Message(kind, is_wide, value, travel, zeros, stiffness, viscosity)
         numbers: Vector = self._halves.unpack_from(rest)
         if kind == SURFACE:
             (across,) = HALF[1].unpack(rest[self._halves.size :]) if self.axes > 1 else (0.0,)
-            for stiffness in dot(numbers, numbers), across:
-                if not 0.0 <= stiffness <= ROUNDING * self._stiffest:
-                    raise PeerError(f"payload holds a stiffness of {stiffness:g} N/m; it is 0 to {self._stiffest:g}")
+            self._check_stiffness(dot(numbers, numbers))
+            self._check_stiffness(across)
             if numbers == zeros:
                 raise PeerError("payload holds a surface whose normal is zero")
             return Message(kind, is_wide, value, zeros, numbers, across, 0.0)
-        threshold = self._law.threshold_n(magnitude(value))
-        if not (largest_component(numbers) <= LARGEST_TRAVEL and ends_in_range(value, numbers, threshold)):
-            raise PeerError(
-                f"payload holds a travel of {numbers} thresholds; it must be within ±{LARGEST_TRAVEL:g} and end"
-                f" within ±{LARGEST_COMPONENT:g}"
-            )
+        check_travel(value, numbers, self._law)
         return Message(kind, is_wide, value, numbers, zeros, 0.0, 0.0)
 
-    def _checked_coupling(
-        self, is_wide: bool, value: Vector, travel: Vector, stiffness: float, viscosity: float
-    ) -> Message:
-        if not in_range(travel):
-            raise PeerError(f"payload holds a travel of {travel} N; it must be finite, within ±{LARGEST_COMPONENT:g}")
+    def _check_stiffness(self, stiffness: float) -> None:
         if not 0.0 <= stiffness <= ROUNDING * self._stiffest:
-            raise PeerError(f"payload holds a stiffness of {stiffness} N/m; it is 0 to {self._stiffest:g}")
-        if not 0.0 <= viscosity <= LARGEST_VISCOSITY:
-            raise PeerError(f"payload holds a viscosity of {viscosity} N·s/m; it is 0 to {LARGEST_VISCOSITY:g}")
-        return Message(COUPLED, is_wide, value, travel, (0.0,) * self.axes, stiffness, viscosity)
+            raise PeerError(f"payload holds a stiffness of {stiffness:g} N/m; it is 0 to {self._stiffest:g}")
