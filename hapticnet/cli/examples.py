@@ -86,7 +86,7 @@ EXAMPLES: Final[dict[tuple[str, ...], tuple[str, ...]]] = {
         "hapticnet experiment order --participant 01-08 --simulate literature --out-dir rehearsal",
     ),
     ("experiment", "texts"): ("hapticnet experiment texts >my-texts.toml",),
-    ("experiment", "analyse"): ("hapticnet experiment analyse study --margin 0.1",),
+    ("experiment", "analyse"): ("hapticnet experiment analyse study --no-plots",),
     ("experiment", "power"): (
         "hapticnet experiment power paper --participants 8,16,24 --trials 10,20",
         "hapticnet experiment power my.toml --shares 0.775,0.675",

@@ -113,7 +113,7 @@ def run(asked: LimitsOptions) -> None:
     if observer is not None and isinstance(asked, OrderOptions) and asked.analyse:
         console.say("analysing the answers")
         out = asked.out_dir
-        write_results(out, out / "results", margin=None, seed=asked.seed, plots=True, say=console.say)
+        write_results(out, out / "results", seed=asked.seed, plots=True, say=console.say)
     title = "Ordering task" if is_order else "JND"
     title = title if observer is None else f"{title}, simulated observer {observer.name}"
     deliver({"title": title, "participant": accounts}, as_json=asked.json, file=None)

@@ -23,10 +23,6 @@ def analyse(
     out_dir: Annotated[
         Path | None, typer.Option(metavar="DIR", help="Folder of results; default: DIR/results.")
     ] = None,
-    margin: Annotated[
-        float | None,
-        typer.Option(help="Margin of equivalence, in the share of correct orders; default: that stated in the plan."),
-    ] = None,
     seed: options.Seed = 1,
     plots: Annotated[bool, typer.Option(help="Draw plots as PDF and PNG.")] = True,
     overwrite: options.Overwrite = False,
@@ -34,44 +30,33 @@ def analyse(
 ) -> None:
     """Analyse the study: report.md, tables as CSV and LaTeX, plots as PDF and PNG.
 
-    The plot correct-orders is the paper's Fig. 5, bytes-per-penetration its Fig. 4.
+    The plot correct-orders is the paper's Fig. 5, bytes-per-penetration its Fig. 4. The margin of equivalence is the
+    plan's, since it must be stated before the study.
     """
     from hapticnet.cli.console import Console, check_new, show
 
     console = Console("experiment", quiet=json)
     target = folder / "results" if out_dir is None else out_dir
     check_new(*(target / name for name in FILES), overwrite=overwrite)
-    report, account = write_results(folder, target, margin=margin, seed=seed, plots=plots, say=console.say)
+    report, account = write_results(folder, target, seed=seed, plots=plots, say=console.say)
     show(account if json else report.removesuffix("\n"))
 
 
-def write_results(
-    folder: Path, target: Path, *, margin: float | None, seed: int, plots: bool, say: Callable[[str], None]
-) -> tuple[str, str]:
+def write_results(folder: Path, target: Path, *, seed: int, plots: bool, say: Callable[[str], None]) -> tuple[str, str]:
     """Analyse a study, write its results to a folder, and return the report and the account as JSON.
 
-    Parameters
-    ----------
-    margin
-        Margin of equivalence; None for that of the study's plan.
-    say
-        Called with lines for the experimenter.
-
-    Raises
-    ------
-    SettingsError
-        If there is nothing to analyse.
-    FileError
-        If a table cannot be read or a result cannot be written.
+    `say` is called with lines for the experimenter. Raises SettingsError if there is nothing to analyse, and FileError
+    if a table cannot be read or a result cannot be written.
     """
     from dataclasses import asdict
 
     from hapticnet.cli.console import check_outputs, write_text
     from hapticnet.errors import UnavailableError, visible
     from hapticnet.experiment.provenance import provenance, provenance_lines
-    from hapticnet.study.analysis import accepted
+    from hapticnet.study.analysis import MARGIN, accepted
     from hapticnet.study.analysis import analyse as analyse_rows
     from hapticnet.study.figures import draw_results
+    from hapticnet.study.plan import PLAN_FILE, find_plan
     from hapticnet.study.report import csv_text, latex, markdown
     from hapticnet.study.rows import OrderRow
     from hapticnet.study.store import read_people, read_rows
@@ -85,8 +70,10 @@ def write_results(
         account = {"provenance": provenance(), "jnds": [each.model_dump() for each in people]}
         check_outputs(target / "report.md", target / "results.json")
     else:
-        used, stated = _margin(folder, margin)
-        results = analyse_rows(rows, margin=used, seed=seed)
+        margin, stated = MARGIN, "a default, since there is no plan"
+        if (folder / PLAN_FILE).exists():
+            margin, stated = find_plan(str(folder / PLAN_FILE)).order.equivalence_margin, "stated in the plan"
+        results = analyse_rows(rows, margin=margin, seed=seed)
         check_outputs(*(target / name for name in FILES))
         if plots:
             try:
@@ -105,21 +92,6 @@ def write_results(
         write_text(target / name, text, follow=False)
     say(f"report, tables and {len(pictures)} pictures: {target}")
     return texts["report.md"], texts["results.json"].removesuffix("\n")
-
-
-def _margin(folder: Path, given: float | None) -> tuple[float, str]:
-    """Return the margin of equivalence, and where it was stated."""
-    from hapticnet.checks import check_parameter
-    from hapticnet.study.analysis import MARGIN
-    from hapticnet.study.plan import PLAN_FILE, find_plan
-
-    planned = find_plan(str(folder / PLAN_FILE)).order.equivalence_margin if (folder / PLAN_FILE).exists() else None
-    if given is not None:
-        check_parameter("--margin", given, 0.001, 1.0)
-    if given is None or given == planned:
-        return (MARGIN, "a default, since there is no plan") if planned is None else (planned, "stated in the plan")
-    where = f"; the plan stated ±{100 * planned:g}" if planned is not None else ""
-    return given, f"given at the analysis, not beforehand{where}"
 
 
 def _json(account: object) -> str:
