@@ -1,7 +1,6 @@
 """The page in a real browser, beside real processes."""
 
 import os
-import shutil
 import signal
 from collections.abc import Iterator
 from pathlib import Path
@@ -13,11 +12,8 @@ from hapticnet.cli.pages import address_in, address_of
 from hapticnet.runtime.processes import Child
 from tests.web.observer import Observer
 
-CHROMIUM = shutil.which("chromium")
-pytestmark = [
-    pytest.mark.browser,
-    pytest.mark.skipif(CHROMIUM is None, reason="no chromium: apt-get install --no-install-recommends chromium"),
-]
+pytest.importorskip("playwright")
+pytestmark = pytest.mark.browser
 
 
 @pytest.fixture(scope="module")
@@ -41,18 +37,6 @@ def urls() -> Iterator[dict[str, str]]:
                 child.end()
 
 
-@pytest.fixture(scope="module")
-def browser() -> Iterator[Any]:
-    from playwright.sync_api import sync_playwright
-
-    with sync_playwright() as playwright:
-        started = playwright.chromium.launch(
-            executable_path=CHROMIUM, args=["--no-sandbox"] if os.getuid() == 0 else []
-        )
-        yield started
-        started.close()
-
-
 class Tab:
     """A page in the browser, and what its console says."""
 
@@ -74,9 +58,9 @@ class Tab:
 
 
 @pytest.fixture(scope="module")
-def tab(urls: dict[str, str], browser: Any) -> Tab:
+def tab(urls: dict[str, str], chromium: Any) -> Tab:
     """A page that the tests share, because it takes seconds to open where nothing draws but the processor."""
-    return Tab(browser, urls["watch"])
+    return Tab(chromium, urls["watch"])
 
 
 @pytest.fixture

@@ -106,15 +106,6 @@ def test_the_time_of_the_plot_runs_evenly_although_messages_do_not(modules: Modu
     assert steps.max() < 1.5 / 60
 
 
-def test_a_deeper_surface_is_never_drawn_above_a_higher_one(modules: Modules):
-    code = """(m) => m.stations(0.04).map((x) => [
-      m.surfaceAt(x, 0.02, 0.025, false, 0.0007), m.surfaceAt(x, 0.04, 0.005, false, 0.0007)])"""
-    heights = np.array(modules.run("surface", code))
-    assert (heights[:, 0] <= heights[:, 1] + 1e-12).all()
-    assert heights.max() == pytest.approx(0.045)
-    assert heights[0] == pytest.approx(heights[-1])
-
-
 @pytest.mark.parametrize(
     ("call", "text"),
     [
