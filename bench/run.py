@@ -7,9 +7,9 @@
     python bench/run.py --only repair felt  run these alone; the pages need all, of one revision
 
 Those that measure no time run first, as many at once as there are CPUs. A benchmark of time runs alone, because it is
-only worth publishing from a quiet machine. Before each of them, this program waits until others use less than `BUSY`
-of a core, for `PATIENCE_S` at most; a record says how much others used while it ran, and bench/report/pages.py refuses
-one that was disturbed.
+only worth publishing from a quiet machine. Most of these measure the core compiled ahead of time. Before each, this
+program waits until others use less than `BUSY` of a core, for `PATIENCE_S` at most; a record says how much others used
+while it ran, and bench/report/pages.py refuses one that was disturbed.
 """
 
 import argparse
@@ -52,18 +52,24 @@ def main() -> int:
     arguments = parser.parse_args()
     began = time.monotonic()
     chosen = [each for each in BENCHMARKS if each.name in (arguments.only or names)]
+    compiled = False
     untimed = [each for each in chosen if not each.timed]
     # What quick runs give is published in short, so that a test can tell when it changes.
     runs = [(each, True) for each in untimed] + [(each, False) for each in untimed if not arguments.quick]
     with ThreadPoolExecutor(os.cpu_count()) as pool:
         failed = [name for name in pool.map(lambda run: _run(run[0], arguments, quick=run[1]), runs) if name]
-    for each in chosen:
+    timed = [each for each in chosen if each.timed]
+    for each in sorted(timed, key=lambda each: each.timed == "compiled"):
         if each.as_root and os.geteuid() != 0:
             print(f"{each.name}: left out, it needs root", flush=True)
-        elif each.timed:
-            if not arguments.quick:
-                _wait_until_quiet(each.name)
-            failed += filter(None, [_run(each, arguments, quick=arguments.quick)])
+            continue
+        if not arguments.quick:
+            if each.timed == "compiled" and not compiled:
+                compiled = _build()
+            _wait_until_quiet(each.name)
+        failed += filter(None, [_run(each, arguments, quick=arguments.quick)])
+    if compiled:
+        _build("--clean")
     print(f"in all: {(time.monotonic() - began) / 60.0:.1f} minutes", flush=True)
     if failed:
         print(f"error: failed: {', '.join(failed)}", file=sys.stderr)
@@ -72,6 +78,12 @@ def main() -> int:
         return 0
     command = [sys.executable, REPOSITORY / "bench" / "report" / "pages.py", arguments.results]
     return subprocess.run(command, check=False).returncode
+
+
+def _build(*options: str) -> bool:
+    """Compile the core in place, or remove that again; return whether this succeeded."""
+    command = [sys.executable, REPOSITORY / "hatch_build.py", *options]
+    return subprocess.run(command, stdout=subprocess.DEVNULL, check=False).returncode == 0
 
 
 def _run(benchmark: Benchmark, arguments: argparse.Namespace, *, quick: bool) -> str:

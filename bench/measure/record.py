@@ -10,6 +10,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+from hapticnet.compiled import describe_core
 from hapticnet.errors import HapticnetError
 from hapticnet.experiment.provenance import provenance
 
@@ -47,6 +48,7 @@ def run(parser: argparse.ArgumentParser, measure: Callable[[argparse.Namespace],
     record = {
         "name": Path(sys.argv[0]).stem,
         "revision": describe_revision(),
+        "core": describe_core(),
         "seed": arguments.seed,
         "unit": unit,
         "repetitions": arguments.repetitions if hasattr(arguments, "repetitions") else arguments.seeds,

@@ -1,4 +1,4 @@
-"""How many times faster than real time both nodes run in virtual time: plain Python, every packet built and parsed."""
+"""How many times faster than real time both nodes run in virtual time, with every packet built and parsed."""
 
 import argparse
 import os
