@@ -56,13 +56,10 @@ _compiled: dict[tuple[Any, ...], Callable[..., Any]] = {}
 def compiled(
     function: Callable[..., Any], *, name: str = "", using: Mapping[str, Any] | None = None, makes_arrays: bool = False
 ) -> Callable[..., Any]:
-    """Return a plain function compiled, the same object every time.
+    """Return a function of module level, without closures, compiled: the same object every time.
 
-    `function`: A function of module level without closures.
-    `name`: Distinguishes the versions of one function that differ in `using`.
-    `using`: What takes the place of globals of `function`: constants, and named tuples of functions.
-    `makes_arrays`: Whether it makes arrays (not only reads and writes those it is given). References to arrays are then
-      counted, which can take most of the time of a loop.
+    Constants and named tuples of functions in `using` take the place of its globals; `name` tells versions with other
+    ones apart. With `makes_arrays`, references to arrays are counted, which can take most of the time of a loop.
     """
     function = _from_source(function)
     key = function, name, tuple((using or {}).values())
@@ -163,10 +160,7 @@ _OURS: Final = re.compile(r"[0-9a-f]{16}")
 
 @cache
 def _folder(base: str, folders: frozenset[Path] = frozenset()) -> Path | None:
-    """Return the folder for machine code of the present sources; remove older ones.
-
-    None if it cannot be written, or if another account can write there: what is in it is run.
-    """
+    """Return the folder for present machine code, and remove older ones; None if others can write it, or we cannot."""
     package = Path(__file__).parent
     digest = hashlib.sha256()
     files = {file for pattern in SOURCES for file in package.glob(pattern)}

@@ -70,10 +70,7 @@ NOT_BLANK: Final = text_of(r"(?s:.*\S.*)", "text that is not blank")
 
 
 def read_document(path: Path) -> str:
-    """Return the text of a TOML file.
-
-    Raises FileError if the file cannot be read, is larger than `LARGEST_DOCUMENT` or is not UTF-8.
-    """
+    """Return the text of a TOML file of at most `LARGEST_DOCUMENT`; raise FileError if it cannot be read as UTF-8."""
     return read_text(path, LARGEST_DOCUMENT)
 
 
@@ -90,11 +87,10 @@ def parse_tables(text: str, source: str) -> dict[str, Any]:
 
 
 def parse_document(text: str, source: str, model: type[Document], *, context: object = None) -> Document:
-    """Return `text` parsed and validated by a model; messages name `source` as its origin.
+    """Return `text` parsed and validated by a model, whose validators get `context`; messages name `source`.
 
-    `context`: What the validators of the model get as their context.
-    Raises FileError if the text is not TOML; the message has the line and column; SettingsError if a key is unknown or
-    missing, or a value has the wrong type; the message names the key.
+    Raises FileError with line and column if the text is not TOML; SettingsError naming the key if a key is unknown or
+    missing, or a value has the wrong type.
     """
     content = parse_tables(text, source)
     try:
@@ -120,10 +116,7 @@ def _check_keys(text: str, source: str) -> None:
 
 
 def _check_texts(tables: dict[str, Any], source: str) -> None:
-    """Raise FileError if a key or text has control characters, which could speak to a terminal: TOML can escape them.
-
-    Line feeds and tabs are allowed.
-    """
+    """Raise FileError if a key or text has control characters, which TOML can escape; line feeds and tabs may stand."""
     waiting: list[tuple[str, Any]] = [("", tables)]
     while waiting:
         name, value = waiting.pop()

@@ -51,10 +51,7 @@ def bytes_in_words(size: int) -> str:
 
 
 def user_path(path: str | os.PathLike[str]) -> Path:
-    """Return a path as a user wrote it, with a ``~`` at its start replaced by a home folder, as a shell does.
-
-    A shell does so only at the start of a word, and Python nowhere: ``--key=~/key.toml`` arrives as it is written.
-    """
+    """Return a path as a user wrote it, with a ``~`` at its start replaced: shells leave it in ``--key=~/key.toml``."""
     try:
         return Path(path).expanduser()
     except RuntimeError:  # no such user: the name of a file
@@ -62,10 +59,7 @@ def user_path(path: str | os.PathLike[str]) -> Path:
 
 
 def check_readable(path: Path, max_bytes: int = MAX_BYTES) -> None:
-    """Check, without opening it, that `path` is a regular file of at most `max_bytes`.
-
-    Raises FileError if the file is missing, is a directory, device, pipe or socket, or is too large.
-    """
+    """Check, without opening it, that `path` is a regular file of at most `max_bytes`; raise FileError if not."""
     try:
         status = path.stat()
     except (OSError, ValueError) as error:  # ValueError: a null character in the name
@@ -74,11 +68,7 @@ def check_readable(path: Path, max_bytes: int = MAX_BYTES) -> None:
 
 
 def open_regular(path: Path, max_bytes: int = MAX_BYTES, *, follow: bool = True) -> BinaryIO:
-    """Open a regular file of at most `max_bytes` for reading; never wait for a pipe or a device.
-
-    `follow`: Whether `path` may be a link.
-    Raises FileError as `check_readable`, or if it is a link that is not to be followed.
-    """
+    """Open a regular file of at most `max_bytes`, and not a link unless `follow`; raises as `check_readable`."""
     if not follow and path.is_symlink():
         raise FileError(f"{path} is a link; {_EXPECTED}")
     check_readable(path, max_bytes)  # before it is opened: opening a device can have effects
@@ -108,10 +98,7 @@ def read_bytes(path: Path, max_bytes: int = MAX_BYTES, *, follow: bool = True) -
 
 
 def read_text(path: Path, max_bytes: int = MAX_BYTES, *, follow: bool = True) -> str:
-    """Return the text of a UTF-8 file of at most `max_bytes`; see `open_regular`.
-
-    Raises FileError if the file cannot be read, is too large or is not UTF-8.
-    """
+    """Return the text of a UTF-8 file of at most `max_bytes`; raise FileError as `open_regular`, or if it is other."""
     content = read_bytes(path, max_bytes, follow=follow)
     try:
         return content.decode()
@@ -159,11 +146,8 @@ def replacing_bytes(path: Path, *, follow: bool = True, sync: bool = False) -> I
     """Open a file for writing; it replaces an existing file when all of it is written.
 
     If writing fails or is interrupted, the existing file is unchanged. Devices, pipes and mount points (a file mounted
-    into a container) cannot be replaced, so they are written directly.
-
-    `follow`: Whether to replace what a link leads to, instead of the link. True only for a file that the user named.
-    `sync`: Whether to wait until the file is on the disk.
-    Raises FileError if the file cannot be written.
+    into a container) are written directly. `follow` replaces what a link leads to: True only for a file that the user
+    named. `sync` waits for the disk. Raises FileError if the file cannot be written.
     """
     try:
         if follow and takes_a_stream(path):
@@ -178,10 +162,7 @@ def replacing_bytes(path: Path, *, follow: bool = True, sync: bool = False) -> I
 
 @contextmanager
 def written_beside(path: Path, *, sync: bool = False) -> Iterator[BinaryIO]:
-    """Open a temporary file for writing; when all of it is written, it takes the place of `path`, even of a link.
-
-    Raises OSError if a file cannot be written.
-    """
+    """Open a temporary file; when all is written, it takes the place of `path`, even of a link. Raises OSError."""
     part = _part(path)
     try:
         with _create(part) as file:
@@ -197,10 +178,7 @@ def written_beside(path: Path, *, sync: bool = False) -> Iterator[BinaryIO]:
 
 
 def open_in_place(path: Path, flags: int = 0) -> int:
-    """Open a regular file to read and change it where it is, create it if it is missing, and return its descriptor.
-
-    Raises FileError if it cannot be written, or is a link or no regular file.
-    """
+    """Return the descriptor of a file to change, made if missing; raise FileError if it is a link or special."""
     try:
         descriptor = os.open(path, os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC | flags, 0o644)
     except OSError as error:
@@ -216,10 +194,9 @@ def open_in_place(path: Path, flags: int = 0) -> int:
 
 @contextmanager
 def locked(path: Path, busy: HapticnetError) -> Iterator[None]:
-    """Hold the lock of a file, which is created if it is missing; the system releases it however the process ends.
+    """Hold the lock of a file until this process ends at the latest; raise `busy` if another process holds it.
 
-    Raises FileError if the file cannot be written, or is a link or no regular file; HapticnetError, `busy`, if another
-    process holds the lock.
+    The file is created if it is missing. Raises FileError as `open_in_place`.
     """
     descriptor = open_in_place(path)
     try:
@@ -233,10 +210,7 @@ def locked(path: Path, busy: HapticnetError) -> Iterator[None]:
 
 
 def check_replaceable(path: Path) -> None:
-    """Check that `replacing` can write a file, without changing the file. Create its folder if it is missing.
-
-    Raises FileError if it cannot be written.
-    """
+    """Raise FileError if `replacing` cannot write a file, which stays as it is. Create its folder if it is missing."""
     make_folder(path.parent)
     try:
         if path.is_dir():
@@ -259,10 +233,7 @@ def takes_a_stream(path: Path) -> bool:
 
 
 def check_folder(path: Path) -> None:
-    """Check that files can be created in a folder. Create the folder if it is missing.
-
-    Raises FileError if they cannot.
-    """
+    """Raise FileError if files cannot be created in a folder. Create the folder if it is missing."""
     check_replaceable(path / "any")
 
 

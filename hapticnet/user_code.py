@@ -93,10 +93,7 @@ def find_user_class(text: str, kind: str, folder: Path = Path()) -> UserClass | 
 
 
 def load_user_code(source: str, kind: str, folder: Path = Path()) -> Callable[..., Any]:
-    """Return the class (or function) at ``FILE.py:Class`` or ``package.module:Class``; a file is reread if it changed.
-
-    Raises SettingsError if the file or module cannot be imported, or defines no such class.
-    """
+    """Return the class (or function) at ``FILE.py:Class`` or ``package.module:Class``; reread a file that changed."""
     place, _, name = source.rpartition(":")
     try:
         module = _run_file(folder / user_path(place)) if place.endswith(".py") else _import(place)
@@ -152,10 +149,7 @@ def axes_of(made: Any, what: str) -> int:
 
 
 def vector_from(result: Any, axes: int, method: str, unit: str) -> Vector:
-    """Return what a method of a user returned, a number or a sequence of numbers, as a vector.
-
-    Raises UserCodeError if it is something else, not finite or out of range, or has another number of axes.
-    """
+    """Return what a method of a user returned, one or more numbers, as a vector; raise UserCodeError if it is none."""
     # The common cases first: this is on the path of every sample.
     if type(result) is float and axes == 1 and -LARGEST_COMPONENT <= result <= LARGEST_COMPONENT:
         return (result,)

@@ -32,10 +32,7 @@ _EDGE: Final = struct.Struct("<QII")
 
 
 def simavr_build() -> tuple[Path, Path]:
-    """Return the simulator and the firmware for the default baud rate, as built by ``make simulator``.
-
-    Raises UnavailableError if one of them is missing.
-    """
+    """Return simulator and firmware as built by ``make simulator``; raise UnavailableError if one is missing."""
     named = os.environ.get(BUILD_VARIABLE)
     firmware = Path(__file__).parents[2] / "firmware"
     if not named and not (firmware / "Makefile").is_file():
@@ -137,11 +134,7 @@ SensorHook: TypeAlias = Callable[[float, int], float]
 
 
 class Board:
-    """The firmware on its board, connected to the plant: pulses out, sensor voltage in.
-
-    `build` has simulator and firmware; default: those that `simavr_build` finds. Raises UnavailableError if there are
-    none, or the simulator does not start.
-    """
+    """The firmware on its board with the plant: pulses out, sensor voltage in. `build` is as from `simavr_build`."""
 
     def __init__(
         self, settings: PlantSettings, rng: np.random.Generator, *, build: tuple[Path, Path] | None = None
@@ -163,10 +156,7 @@ class Board:
         self.plant.advance(now_us)
 
     def advance(self, now_us: int, data: bytes = b"") -> bytes:
-        """Advance time to `now_us` [µs], by a slice at most; pass bytes at its start and return the output.
-
-        Raises UnavailableError if the simulator has ended.
-        """
+        """Advance to `now_us`, by a slice at most; take in `data` at its start, and return the output."""
         plant = self.plant
         counts = plant.level_counts()
         if self.sensor is not None:
@@ -207,11 +197,9 @@ class Disturbance:
 
 
 class SimulatedNano(Device):
-    """The fingertip device in lockstep: host's end of the line, firmware and plant.
+    """The fingertip device in lockstep: host's end of the line (`wired`), firmware and plant.
 
-    Each `exchange` first advances board, plant and line to the given time. `close` ends the simulator. If the simulator
-    ends by itself, the device is lost. `wired` is the host's end of the wire; default: one that knows linkage, servos
-    and sensor of the plant.
+    Each `exchange` first advances board, plant and line to the given time. If the simulator ends, the device is lost.
     """
 
     def __init__(

@@ -22,12 +22,11 @@ MOST_BYTES: Final = 4096  # largest number of bytes read at a time: the capacity
 
 
 class NanoPty:
-    """A board on a pseudo-terminal.
+    """A board on a pseudo-terminal, to which `link` is a symbolic link.
 
     As with a real port, output of the firmware is lost while the port is closed. Unlike a real port, opening it does
-    not reset the controller. `link` is a symbolic link to make, for a name that stays the same. Raises UnavailableError
-    if no pseudo-terminal can be created; FileError if the link cannot be made; an existing file that is not a link is
-    not touched.
+    not reset the controller. Raises UnavailableError if there is no pseudo-terminal; FileError if the link cannot be
+    made.
     """
 
     def __init__(self, board: Board, *, link: Path | None = None) -> None:
@@ -55,10 +54,7 @@ class NanoPty:
             os.close(visitor)
 
     def advance(self, now_us: int) -> None:
-        """Advance the board to the time `now_us` [µs], and carry bytes.
-
-        Raises UnavailableError if the simulator has ended.
-        """
+        """Advance the board to `now_us`, and carry bytes; raise UnavailableError if the simulator has ended."""
         reached_us = now_us if self._reached_us is None else self._reached_us
         self._reached_us = now_us
         elapsed_us = min(max(now_us - reached_us, 0), MOST_CATCH_UP_US)
@@ -123,10 +119,7 @@ class NanoPty:
 
 
 async def run_nano_pty(nano: NanoPty, *, duration_s: float | None, on_status: Callable[[], None]) -> None:
-    """Run in real time until SIGINT, SIGTERM or the end of `duration_s` [s].
-
-    Raises UnavailableError if the simulator ends by itself.
-    """
+    """Run until SIGINT, SIGTERM or `duration_s` [s] have passed; raise UnavailableError if the simulator ends."""
     loop = asyncio.get_running_loop()
     stop = stop_on_signals(loop)
     failures: list[UnavailableError] = []

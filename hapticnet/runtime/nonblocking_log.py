@@ -132,10 +132,7 @@ class NonblockingLog:
             self._who = line.who
 
     def status(self, text: str) -> None:
-        """Replace the status line, which stands below all other lines; an empty text removes it.
-
-        If the reader pauses, only the newest is written.
-        """
+        """Replace the status line below all other lines; without text, remove it. Only the newest has to be written."""
         self._status = text
         if not self._status_due:
             self._status_due = True
@@ -145,10 +142,7 @@ class NonblockingLog:
                 self._queue.put(self._write_status)
 
     def drain(self) -> bool:
-        """Wait until everything is written; return False if the reader took nothing for `PARTING_S`.
-
-        A reader that has not come back since is not waited for again.
-        """
+        """Wait until all is out; return False if the reader took nothing for `PARTING_S`. Wait in vain only once."""
         if self._queue is None:
             return True
         written = threading.Event()
@@ -236,10 +230,7 @@ def keep_log() -> None:
 
 
 def write_watched(stream: TextIO, text: str, stall_s: float) -> None:
-    """Write a text to a stream, and give up when the reader has taken nothing of it for `stall_s` [s].
-
-    Raises FileError if the reader does not go on reading; OSError if the stream cannot be written.
-    """
+    """Write a text; raise FileError if the reader takes nothing of it for `stall_s` [s], OSError if it is gone."""
     try:
         number = stream.fileno()
     except (OSError, ValueError):

@@ -18,10 +18,7 @@ SAFE_PATH: Final = "PYTHONSAFEPATH"  # Has the effect of -P: Python does not sea
 
 
 def python_command(*arguments: str) -> list[str]:
-    """Return the command line of a Python process; `arguments` begin with -m and a module, or -c and a program.
-
-    Without -P, both would search the working folder first: a user's queue.py there would be taken for Python's.
-    """
+    """Return the command line of a Python process, which takes no modules from the working folder (-P)."""
     return [sys.executable, "-P", *arguments]
 
 
@@ -165,9 +162,7 @@ PR_SET_PDEATHSIG: Final = 1  # option of prctl(2) on Linux: receive a signal whe
 class Child:
     """A ``hapticnet`` process with its stderr on a pipe. It ends when this process ends, even if that is killed.
 
-    `arguments`: Command line after ``hapticnet``.
-    `environment`: Its environment variables; None for those of this process without `KEY_VARIABLES` and
-      `OPTION_VARIABLES`.
+    Its default `environment` is that of this process without `KEY_VARIABLES` and `OPTION_VARIABLES`.
     """
 
     def __init__(self, arguments: Sequence[str], *, environment: Mapping[str, str] | None = None) -> None:

@@ -308,10 +308,7 @@ class MasterRecording(_Recording[NodeEvent]):
 
 
 class SlaveRecording(_Recording[SlaveEvent]):
-    """Record every session of a slave in FOLDER/NAME-SESSION and a suffix; the node's settings must ask for that.
-
-    `channel_out` is the network emulated for the answers, as written for ``--channel-out``.
-    """
+    """Record every session of a slave in FOLDER/NAME-SESSION and a suffix; the node's settings must ask for that."""
 
     def __init__(
         self, node: SlaveNode, folder: Path, say: Callable[[str], None], *, suffix: str, limit_bytes: int,
@@ -370,10 +367,7 @@ def file_name(master: str, session: int) -> str:
 
 
 def about_master(settings: MasterSettings) -> dict[str, Any]:
-    """Return a master's configuration for its recording, without its key.
-
-    What was in force is told by the events `SettingsInForce`.
-    """
+    """Return a master's configuration for its recording, without its key; events tell what was in force."""
     plain = asdict(replace(settings, key=None))
     del plain["key"]
     return {"asked_at_start": plain, "sealed": settings.key is not None, "wire_versions": WIRE_VERSIONS}

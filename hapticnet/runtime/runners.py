@@ -25,11 +25,7 @@ POLL_S: Final = 0.1  # time [s] between two looks whether the last master has le
 
 
 class _Runner(Generic[Event]):
-    """What a master and a slave on the running event loop have in common. It leaves signals alone.
-
-    `channel` is the emulated network for outgoing datagrams, or None; `tell` is called with a line for the user if a
-    watcher fails.
-    """
+    """What a master and a slave at work on the running event loop have in common."""
 
     def __init__(
         self,
@@ -103,12 +99,7 @@ class MasterRunner(_Runner[NodeEvent]):
         return self._ticker.missed
 
     async def start(self) -> None:
-        """Open the device and begin to tick.
-
-        A device on a wire must be present now; later it may be unplugged and replugged. Raises UnavailableError if
-        there is no such port, or no device answers on it; RefusedError if the device speaks a different protocol
-        version.
-        """
+        """Open the device and begin to tick; raises as `open_wire`. Later the device may be unplugged and replugged."""
         loop = asyncio.get_running_loop()
         self._serial = await open_wire(self._wire, self._stop) if self._wire is not None else None
         try:
@@ -190,10 +181,7 @@ class MasterRunner(_Runner[NodeEvent]):
 
 
 class SlaveRunner(_Runner[SlaveEvent]):
-    """A slave node at work on the running event loop. It leaves signals alone.
-
-    The slave has no tick: it steps a scene when a position arrives, so that the answer is not delayed.
-    """
+    """A slave node at work on the running event loop; it has no tick, and steps a scene when a position arrives."""
 
     def __init__(
         self,
@@ -292,8 +280,8 @@ async def run_master(
 ) -> MasterRun:
     """Run until `stop` is set, a refusal, or `duration_s` [s] after the first connection; then close the session.
 
-    Without a `stop`, SIGINT and SIGTERM end the run; with one, signals are left to the host program. `rescue`
-    ends a run that is stuck then. The other parameters, and the errors, are those of `MasterRunner`.
+    Without a `stop`, SIGINT and SIGTERM end the run, and `rescue` ends one that is stuck then. Raises as
+    `MasterRunner`.
     """
     stop = stop or stop_on_signals(asyncio.get_running_loop(), rescue)
     runner = MasterRunner(
@@ -334,11 +322,9 @@ async def run_slave(
 ) -> None:
     """Serve until `stop` is set or `duration_s` [s] have passed, then close every session.
 
-    Before, masters have `drain_s` [s] to finish; `stop`, or a second signal, ends this.
-
-    Without a `stop`, SIGINT and SIGTERM end the run, and `on_hangup` is called at each SIGHUP; with one, signals are
-    left to the host program. `rescue` ends a run that is stuck then. `on_listening` is called when datagrams and
-    signals are answered.
+    Before, masters have `drain_s` [s] to finish; `stop`, or a second signal, ends this. Without a `stop`, SIGINT and
+    SIGTERM end the run, and `on_hangup` is called at each SIGHUP. `rescue` ends a run that is stuck then.
+    `on_listening` is called when datagrams and signals are answered.
     """
     loop = asyncio.get_running_loop()
     runner = SlaveRunner(node, sock, channel=channel, watchers=watchers, overload=overload, tell=tell)
@@ -375,11 +361,7 @@ def master_report(
     channel_out: Emulator[Any] | None = None,
     channel_in: Emulator[Any] | None = None,
 ) -> dict[str, Any]:
-    """Return the account of a master for JSON; None for what it does not have.
-
-    `run` is None if it does not end; `faults` is what else was wrong with code that was stepped, and `operator`
-    the operator's own account.
-    """
+    """Return the account of a master for JSON; None for what it does not have. `run` is None if it does not end."""
     return {
         "scheduling": overload.scheduling,
         **node.report(),

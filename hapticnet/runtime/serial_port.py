@@ -119,10 +119,7 @@ def choose_port() -> str:
 
 
 class SerialPort:
-    """A serial port on an event loop that carries a wired device.
-
-    Call `flush` after each exchange with the device.
-    """
+    """A serial port on an event loop that carries a wired device. Call `flush` after each exchange with it."""
 
     def __init__(self, loop: asyncio.AbstractEventLoop, spec: SerialSpec, wired: WiredDevice) -> None:
         self.failure: str | None = None  # Why the port could not be opened at the last attempt; None if it is open.
@@ -152,7 +149,7 @@ class SerialPort:
     async def wait_ready(self, timeout_s: float) -> None:
         """Drive the device, retracted, until it gives readings.
 
-        Raises RefusedError if it speaks a different protocol version; UnavailableError if the port cannot be opened, or
+        Raises RefusedError if it speaks another protocol version; UnavailableError if the port cannot be opened, or
         there are no readings for `timeout_s` [s].
         """
         end_us = now_us() + round(timeout_s * 1e6)
@@ -238,11 +235,7 @@ class SerialPort:
 
 
 async def open_wire(wire: Wire, stop: asyncio.Event) -> SerialPort | None:
-    """Open a wire and wait for readings; return None if `stop` was set meanwhile.
-
-    Raises RefusedError if the device speaks a different protocol version; UnavailableError if there is no such port, or
-    no device answers on it.
-    """
+    """Open a wire and wait for readings; return None if `stop` was set meanwhile. Raises as `SerialPort.wait_ready`."""
     port = SerialPort(asyncio.get_running_loop(), wire.spec, wire.wired)
     ready = asyncio.ensure_future(port.wait_ready(START_WITHIN_S))
     stopped = asyncio.ensure_future(stop.wait())
@@ -312,24 +305,10 @@ TICK_US: Final = 1000
 
 
 async def run_device(wire: Wire | None, tick: Callable[[int], bool], *, duration_s: float | None = None) -> bool:
-    """Open a device, wait for readings, then call `tick` with the time [µs] every millisecond.
+    """Open a device, wait for readings, then call `tick` with the time [µs] every ms until it returns True.
 
-    Parameters
-    ----------
-    wire
-        The wire of the device, or None if it has none.
-    tick
-        Exchanges with the device; returns whether it is done. An exception ends the run and is raised here.
-    duration_s
-        Longest time [s] to run once the device is ready.
-
-    Returns
-    -------
-    bool
-        Whether the run was completed; False if SIGINT or SIGTERM ended it.
-
-    Raises RefusedError if the device speaks a different protocol version; UnavailableError if there is no such port, or
-    no device answers on it.
+    Return whether this, or `duration_s` [s], ended the run; False: SIGINT or SIGTERM did. What `tick` raises is raised
+    here. Raises as `open_wire`, too.
     """
     loop = asyncio.get_running_loop()
     signalled = stop_on_signals(loop)

@@ -38,10 +38,7 @@ class SystemEntropy:
 
 
 def start_background(work: Callable[[], None], name: str) -> threading.Thread:
-    """Start a daemon thread at normal priority; it does not keep the process from ending.
-
-    A thread inherits the scheduling of the one that starts it. Under SCHED_FIFO it would compete with the loop.
-    """
+    """Start a daemon thread at normal priority: under SCHED_FIFO, which it inherits, it would compete with the loop."""
 
     def body() -> None:
         with suppress(AttributeError, OSError):  # not on Linux, or not permitted

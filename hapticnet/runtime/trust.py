@@ -18,10 +18,7 @@ from hapticnet.scene.sources import SceneSource, find_source
 
 
 class Guests:
-    """The masters that a slave with a key admits, each with its scene.
-
-    Raises FileError, SettingsError if the list cannot be used.
-    """
+    """The masters that a slave with a key admits, each with its scene. Raises as `read_guests`."""
 
     def __init__(self, file: Path, key_file: Path) -> None:
         self.file = file  # the list of masters
@@ -126,10 +123,9 @@ def slave_trust(
     address: object, loopback: bool, key: Path | None, masters: Path | None, insecure: bool,
     called: Callable[[str], str] = option,
 ) -> SlaveTrust:  # fmt: skip
-    """Return whom a slave serves at `address`.
+    """Return whom a slave serves at `address`; `called` returns what messages call a parameter.
 
-    `called` returns what messages call a parameter. Raises FileError, SettingsError if keys are needed and cannot be
-    used; the message says what to do.
+    Raises FileError, SettingsError if keys are needed and cannot be used.
     """
     if key is None and masters is None and (loopback or insecure):
         unused = None if insecure or is_missing(default_key()) else default_key()
@@ -148,11 +144,7 @@ def master_key(
     address: object, loopback: bool, key: Path | None, peer_key: str | None, insecure: bool,
     called: Callable[[str], str] = option,
 ) -> MasterKey | None:  # fmt: skip
-    """Return the keys for sessions with the slave at `address`; None for open sessions.
-
-    `called` returns what messages call a parameter. Raises FileError, SettingsError if keys are needed and cannot be
-    used; the message says what to do.
-    """
+    """Return the keys for sessions with the slave at `address`; None for open sessions. Raises as `slave_trust`."""
     if peer_key is None and (loopback or insecure):  # HAPTICNET_KEY may name a key that is for other slaves
         return None
     if key is None and peer_key is None:
@@ -181,10 +173,7 @@ def refusal_advice(key: MasterKey | None, code: Code | None) -> str:
 
 
 def silence_advice(key: MasterKey | None, unreadable: int, hint: str | None = None) -> str:
-    """Return what to check while no session begins.
-
-    `unreadable` answers could not be opened with the key; `hint` is the reason of an unauthenticated refusal.
-    """
+    """Return what to check while no session begins; `unreadable` answers did not open, `hint` is not authenticated."""
     if key is None:
         return "is the slave running there?"
     if hint is not None:

@@ -33,10 +33,7 @@ _MEMINFO_DROPS: Final = 8
 
 
 class ReceiveQueue:
-    """The queue of a socket of datagrams.
-
-    `age`: Time [µs] from the arrival of a datagram at this machine until it was read; a sample of all.
-    """
+    """The queue of a socket of datagrams; `age` [µs] is a sample of the times from arrival here until reading."""
 
     def __init__(self, sock: socket.socket) -> None:
         self.age = Distribution()
@@ -76,10 +73,7 @@ class ReceiveQueue:
         return ages
 
     def count_drops(self) -> int:
-        """Return the number of datagrams that the system dropped because the queue was full.
-
-        Once the socket is closed, this is what the last call before has returned.
-        """
+        """Return how many datagrams the system dropped because the queue was full, until the socket was closed."""
         with suppress(OSError, struct.error):  # closed, or not on Linux
             info = self._sock.getsockopt(socket.SOL_SOCKET, _SO_MEMINFO, _MEMINFO.size)
             self._drops = _MEMINFO.unpack(info)[_MEMINFO_DROPS]

@@ -25,10 +25,7 @@ class Watcher(Generic[Event]):
         """Begin, before the first tick. What it raises ends the run."""
 
     def observe(self, now_us: int) -> None:
-        """Look at the node after a tick of the master, or after answers of the slave.
-
-        The datagrams are out by then. This must not wait, and should take a microsecond or two.
-        """
+        """Look at the node after a tick, or after answers; the datagrams are out. Must take no more than a few µs."""
 
     def note(self, event: Event, now_us: int) -> None:
         """Process an event of the node."""
