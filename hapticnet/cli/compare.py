@@ -1,5 +1,7 @@
 """``hapticnet compare``: which codec, at what rate, with what error, at what cost, how far from the best possible."""
 
+from collections.abc import Callable, Sequence
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -11,6 +13,7 @@ from hapticnet.perception import PAPER_FLOOR_N, PAPER_WEBER_FRACTION
 if TYPE_CHECKING:
     from hapticnet.experiment.comparison import Row
     from hapticnet.experiment.trials import Trial
+    from hapticnet.recordings.loading import Motion, Recording
 
 MULTIPLIERS = "1,2,4"
 
@@ -76,7 +79,6 @@ def compare(
     import os
 
     from hapticnet.channel.settings import parse_time_us
-    from hapticnet.cli.compare_trials import recorded_trials, scene_trials
     from hapticnet.cli.console import Console, check_needed, check_new, check_outputs, write_text
     from hapticnet.codec.registry import all_codecs, register_installed_codecs
     from hapticnet.errors import SettingsError
@@ -113,9 +115,9 @@ def compare(
         "missing": missing,
     }
     if scene is not None:
-        trials = scene_trials(scene, list(files), say, start=start, seed=seed, **reading, max_bytes=max_size)
+        trials = _scene_trials(scene, list(files), say, start=start, seed=seed, **reading, max_bytes=max_size)
     else:
-        trials = recorded_trials(list(files), say, columns=force_column, **reading, max_bytes=max_size)
+        trials = _recorded_trials(list(files), say, columns=force_column, **reading, max_bytes=max_size)
         trials = trials or [paper_trial(seed, insertions=2)]
     check_outputs(csv, latex, inputs=files)
     check_new(csv, latex, overwrite=overwrite)
@@ -186,3 +188,59 @@ def _grid(texts: list[str], multipliers: str, weber: float, floor: float, loss: 
         raise SettingsError(f"--multipliers {multipliers!r} must be numbers of JNDs, such as 1,2,4") from None
     usual = {"multiplier": values, "weber_fraction": [weber], "floor_n": [floor], "loss": [parse_share(loss)]}
     return usual | grid
+
+
+def _recorded_trials(files: Sequence[Path], say: Callable[[str], None], **reading: Any) -> "list[Trial]":
+    """Return the forces and positions of files; `reading` says how to read them, as for `load_recording`."""
+    from hapticnet.experiment.trials import Trial
+    from hapticnet.recordings.loading import load_recording
+
+    return [
+        Trial(name=name, t_us=found.t_us, stimuli=found.force, positions=found.position)
+        for name, found in _read(files, partial(load_recording, **reading), say)
+    ]
+
+
+def _scene_trials(
+    scene: str, files: Sequence[Path], say: Callable[[str], None], *, start: str | None, seed: int, **reading: Any
+) -> "list[Trial]":
+    """Return the forces of a scene along the positions of files, or of a scripted hand if there are none.
+
+    The first position of each file is put at `start`, as text of coordinates [m]; None: where it is. `reading` says how
+    to read the files, as for `load_motion`.
+    """
+    import numpy as np
+
+    from hapticnet.experiment.trials import placed, scene_trial
+    from hapticnet.operator.scripted import scripted_hand
+    from hapticnet.operator.trace import TraceOperator
+    from hapticnet.recordings.loading import load_motion
+    from hapticnet.scene.sources import find_source
+
+    source = find_source(scene)
+    if not files:
+        touched = source.make()
+        hand = scripted_hand(touched.axes, 2, np.random.default_rng(seed))
+        return [scene_trial(touched, hand, name=f"{source.name}, scripted hand {seed}")]
+    trials = []
+    for name, motion in _read(files, partial(load_motion, **reading), say):
+        trace = TraceOperator(motion.t_us, placed(motion.position, start))
+        trials.append(scene_trial(source.make(), trace, name=f"{source.name}, {name}"))
+    return trials
+
+
+def _read(
+    files: Sequence[Path], read: "Callable[[Path], Motion | Recording]", say: Callable[[str], None]
+) -> "list[tuple[str, Any]]":
+    """Return name and content of each file; files whose names are alike get their whole paths."""
+    from hapticnet.experiment.trials import check_lasts
+
+    stems = [file.stem for file in files]
+    found = []
+    for file in files:
+        content = read(file)
+        for note in content.notes:
+            say(f"{file}: {note}")
+        check_lasts(file, content.t_us)
+        found.append((file.stem if stems.count(file.stem) == 1 else str(file), content))
+    return found
