@@ -3,10 +3,10 @@
 import struct
 import zlib
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from io import BytesIO
 from pathlib import Path
-from typing import IO, Any, Final, TypeAlias
+from typing import IO, Any, Final, NamedTuple, TypeAlias
 
 import numpy as np
 
@@ -75,7 +75,7 @@ def records(file: IO[bytes], path: Path, max_bytes: int) -> Iterator[Record]:
     kinds: dict[int, Any] = {Opcode.METADATA: Metadata, Opcode.CHUNK: Chunk, Opcode.FOOTER: Footer}
     if file.read(len(MCAP0_MAGIC)) != MCAP0_MAGIC:
         raise FileError(f"{path}: not an MCAP file")
-    described = _Described(path)
+    described: dict[int, int] = {}
     unpacked = 0
     while len(head := file.read(_RECORD.size)) == _RECORD.size:
         code, length = _RECORD.unpack(head)
@@ -100,7 +100,7 @@ def records(file: IO[bytes], path: Path, max_bytes: int) -> Iterator[Record]:
             raise FileError(f"{path}: unpacks to more than {max_bytes} bytes, which is the limit")
         if code == Opcode.CHUNK or record is None:  # the latter in a file without chunks
             try:
-                yield from _contents(head + body if record is None else _unpacked(record), described)
+                yield from _contents(path, head + body if record is None else _unpacked(record), described)
             except HapticnetError:
                 raise
             except Exception:  # the same, and what the compressors raise
@@ -136,31 +136,14 @@ def _unpacked(chunk: Record) -> bytes:
     return data
 
 
-@dataclass(slots=True)
-class _Described:
-    """The channels of a file so far."""
+def _contents(path: Path, data: bytes, described: dict[int, int]) -> Iterator[Record]:
+    """Yield the records in a chunk; ValueError or struct.error before the first one if their structure is damaged.
 
-    path: Path
-    seen: set[int] = field(default_factory=set)
-    size: int = 0
+    `described` has the channels so far, in their order, and the bytes of all up to each.
+    """
+    from mcap.data_stream import ReadDataStream
+    from mcap.records import Channel
 
-    def add(self, data: bytes) -> Record:
-        """Return a channel, None if it was there already; FileError if they are too large together."""
-        from mcap.data_stream import ReadDataStream
-        from mcap.records import Channel
-
-        if data[0] | data[1] << 8 in self.seen:
-            return None
-        self.size += len(data)
-        if self.size > LARGEST_DESCRIPTIONS:
-            raise FileError(f"{self.path}: its topics take more than {LARGEST_DESCRIPTIONS} bytes to describe")
-        channel = Channel.read(ReadDataStream(BytesIO(data)))
-        self.seen.add(channel.id)
-        return channel
-
-
-def _contents(data: bytes, described: _Described) -> Iterator[Record]:
-    """Yield the records in a chunk; ValueError or struct.error before the first one if their structure is damaged."""
     at, end = 0, len(data)
     while at < end:
         code, length = _RECORD.unpack_from(data, at)
@@ -179,31 +162,42 @@ def _contents(data: bytes, described: _Described) -> Iterator[Record]:
         if each and (code != _MESSAGE_CODE or len(each) == MOST_MESSAGES):
             yield Messages(each)
             each = []
-        if code == _CHANNEL_CODE and (channel := described.add(data[at : at + length])):
+        if code == _CHANNEL_CODE and data[at] | data[at + 1] << 8 not in described:
+            total = length + next(reversed(described.values()), 0)
+            if total > LARGEST_DESCRIPTIONS:
+                raise FileError(f"{path}: its topics take more than {LARGEST_DESCRIPTIONS} bytes to describe")
+            channel = Channel.read(ReadDataStream(BytesIO(data[at : at + length])))
+            described[channel.id] = total
             yield channel
         at += length
     yield Messages(each)
 
 
-@dataclass(slots=True)
-class _Reading:
+class _Rows(NamedTuple):
     """One channel of rows while it is read."""
 
-    name: str
+    table: str
     columns: tuple[str, ...]
-    dtype: Any
-    parts: list[bytes] = field(default_factory=list)
-    whole: bytearray = field(default_factory=bytearray)
+    dtype: np.dtype[Any]
+    data: bytearray
 
-    def join(self) -> None:
-        """Move messages together, without those that are damaged."""
-        self.whole += b"".join(part for part in self.parts if len(part) == self.dtype.itemsize)
-        self.parts.clear()
+    @classmethod
+    def of(cls, path: Path, channel: Record) -> "_Rows":
+        check_columns(path, 1 + channel.metadata["types"].count(","))
+        columns = tuple(channel.metadata["columns"].split(","))
+        types = channel.metadata["types"].split(",")
+        if len(columns) != len(types) or any(kind not in ("f8", "i8", "i4") for kind in types):
+            raise FileError(f"{path}: topic {channel.topic} has unknown types: {channel.metadata['types'][:60]}")
+        return cls(channel.topic.rpartition("/")[2], columns, row_dtype(types), bytearray())
+
+    def read(self) -> SessionTable:
+        rows = np.frombuffer(self.data, dtype=self.dtype)
+        return {name: np.ascontiguousarray(rows[f"v{index}"]) for index, name in enumerate(self.columns)}
 
 
 def read_mcap(path: Path, max_bytes: int) -> Session:
     """Return a recording that hapticnet wrote, as far as it is whole; raise FileError if it is something else."""
-    reading: dict[int, _Reading] = {}
+    tables: dict[int, _Rows] = {}
     logs: list[tuple[int, str, str]] = []
     event_channels: set[int] = set()
     about: dict[str, Any] = {}
@@ -216,50 +210,34 @@ def read_mcap(path: Path, max_bytes: int) -> Session:
             whole = kind == "Footer" and not damages
             if isinstance(record, Messages):
                 for channel, data in record.each:
-                    if channel in reading:
-                        reading[channel].parts.append(data)
+                    rows = tables.get(channel)
+                    if rows is not None and len(data) == rows.dtype.itemsize:  # else it is damaged
+                        rows.data.extend(data)
                     elif channel in event_channels:
                         logs.append(unpack_log(data))
-                for number in {channel for channel, _ in record.each} & reading.keys():
-                    reading[number].join()
                 check_events(path, len(logs))
             elif kind == "Channel":
                 topics[record.id] = record.topic
                 if "types" in record.metadata:
-                    reading[record.id] = _reading(path, record)
+                    tables[record.id] = _Rows.of(path, record)
                 elif record.topic.endswith("/event"):
                     event_channels.add(record.id)
             elif kind == "Metadata" and record.name in (ABOUT, REPORT, RECOVERED):
                 about |= {name: _value(text) for name, text in record.metadata.items()}
-    if not reading:
+    if not tables:
         has = f"its topics are {', '.join(list(topics.values())[:20])}" if topics else "it has no topics"
         has += f"; damaged parts: {damages}" if damages else ""
         raise FileError(f"{path}: an MCAP file, but not a recording of hapticnet: {has}")
     offset_us = about.pop("unix_offset_us", 0)
     offset_us = offset_us if isinstance(offset_us, int) else 0  # damaged, if it is anything else
-    tables = {each.name: _table(each) for each in reading.values()}
     return Session(
         side=next(iter(topics.values())).strip("/").partition("/")[0],
         about=about,
         unix_offset_us=offset_us,
-        tables=tables,
+        tables={rows.table: rows.read() for rows in tables.values()},
         events=tuple(Event(time_ns // 1000 - offset_us, name, text) for time_ns, name, text in logs),
         is_whole=whole,
     )
-
-
-def _reading(path: Path, channel: Record) -> _Reading:
-    check_columns(path, 1 + channel.metadata["types"].count(","))
-    columns = tuple(channel.metadata["columns"].split(","))
-    types = channel.metadata["types"].split(",")
-    if len(columns) != len(types) or any(kind not in ("f8", "i8", "i4") for kind in types):
-        raise FileError(f"{path}: topic {channel.topic} has unknown types: {channel.metadata['types'][:60]}")
-    return _Reading(name=channel.topic.rpartition("/")[2], columns=columns, dtype=row_dtype(types))
-
-
-def _table(reading: _Reading) -> SessionTable:
-    rows = np.frombuffer(reading.whole, dtype=reading.dtype)
-    return {name: np.ascontiguousarray(rows[f"v{index}"]) for index, name in enumerate(reading.columns)}
 
 
 def _value(text: str) -> Any:

@@ -43,7 +43,7 @@ def row_descriptor(message: str, columns: Sequence[str], types: Sequence[str]) -
     return _file(f"{message.lower()}.proto", PACKAGE, _field(4, _message(message, *fields)))
 
 
-def row_dtype(types: Sequence[str]) -> npt.DTypeLike:
+def row_dtype(types: Sequence[str]) -> np.dtype[Any]:
     """Return the structured type of a packed message: for each field its tag and then its value ``v0``, ``v1``, …."""
     parts: list[tuple[str, str]] = []
     for index, kind in enumerate(types):
