@@ -9,7 +9,6 @@ import typer
 from hapticnet.cli import (
     codecs,
     compare,
-    config,
     demo,
     device,
     doctor,
@@ -19,11 +18,13 @@ from hapticnet.cli import (
     recordings,
     replay,
     scene,
+    settings,
     sweep,
 )
 from hapticnet.cli.console import complain
 from hapticnet.cli.given import MasterOptions, SlaveOptions
-from hapticnet.cli.verbs import asks_for_json, equip, found_of
+from hapticnet.cli.settings import found_of
+from hapticnet.cli.verbs import asks_for_json, equip
 from hapticnet.errors import FileError, HapticnetError, SettingsError, in_words
 from hapticnet.interrupts import ignore_further
 from hapticnet.options import AUTO
@@ -89,8 +90,8 @@ app.command(short_help="Complete a recording after a crash.")(recordings.recover
 app.command(short_help="List the codecs with their rules and parameters.")(codecs.codecs)
 app.command(short_help="Check whether this machine is fit, and say what to do.")(doctor.doctor)
 app.command(
-    short_help="Print the options of a verb, and where each value came from.", context_settings=config.SETTINGS
-)(config.config)
+    short_help="Print the options of a verb, and where each value came from.", context_settings=settings.SETTINGS
+)(settings.config)
 app.add_typer(scene.app, name="scene")
 app.add_typer(device.app, name="device")
 app.add_typer(key.app, name="key")

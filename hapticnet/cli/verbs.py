@@ -18,7 +18,7 @@ from hapticnet.cli.examples import EXAMPLES
 from hapticnet.cli.settings import (
     CONFIG_VARIABLE,
     FLAGS,
-    Found,
+    FOUND,
     Verb,
     load_found,
     option_key,
@@ -40,8 +40,6 @@ UNITS: Final = {"duration": "SECONDS", "sampling_rate": "HZ", "floor": "NEWTONS"
 VALUES: Final = {bool: None, int: "N", float: "NUMBER", Path: "FILE", str: "TEXT"}
 """What the help calls the values of parameters that name none of their own: by parameter, else by type."""
 
-FOUND: Final = "hapticnet.found"  # where a context keeps what file and environment set
-
 
 def equip(app: typer.Typer) -> None:
     """Add to each verb of an application what all verbs have."""
@@ -53,12 +51,6 @@ def equip(app: typer.Typer) -> None:
             info.callback = _equipped(function, log=words in LOGGING)
             info.cls = GroupedCommand
             info.epilog = _examples(words)
-
-
-def found_of(ctx: typer.Context) -> dict[str, Found]:
-    """Return what file and environment set, by the parameters' names."""
-    found: dict[str, Found] = ctx.meta.get(FOUND, {})
-    return found
 
 
 def _groups(app: typer.Typer, verb: Verb) -> Iterator[tuple[Verb, typer.Typer]]:
