@@ -5,19 +5,15 @@ A procedure is ticked like a node, in virtual or real time, and returns whether 
 
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
 import numpy as np
 
 from hapticnet.checks import check_parameter
 from hapticnet.control.finger import compressed
 from hapticnet.errors import SettingsError, UnavailableError
-from hapticnet.node.fingertip import Fingertip
+from hapticnet.node.fingertip import FingerMet, FingerNotMet, Fingertip
 from hapticnet.node.recording import Recording
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-from hapticnet.node.fingertip import FingerMet, FingerNotMet
 
 STEP_COLUMNS: Final = ("t_us", "target_n", "sensed_n", "true_n", "stood_m", "sent_m")
 
@@ -184,7 +180,7 @@ class Tuning(Procedure):
         if len(self._forces_n) < 3:
             raise SettingsError(f"tuning force is {max_force_n} N; it must be at least {TUNING_FORCES_N[2]:g} N")
         self._touched_us: int | None = None
-        self._sums: NDArray[np.float64] = np.zeros((len(self._forces_n), 3))
+        self._sums = np.zeros((len(self._forces_n), 3))
 
     def tick(self, now_us: int) -> bool:
         """Do the next step of the procedure; return whether it is done."""

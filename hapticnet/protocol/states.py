@@ -68,17 +68,12 @@ MASTER_TRANSITIONS: Final[Mapping[tuple[MasterState, Trigger], MasterState]] = {
     (_M.CLOSING, _T.GAVE_UP): _M.CLOSED,
 }
 
+_ENDS: Final = (_T.IDLE, _T.REPLACED, _T.PEER_CLOSED, _T.CLOSE)  # what closes a session of the slave in any state
+
 SLAVE_TRANSITIONS: Final[Mapping[tuple[SlaveState, Trigger], SlaveState]] = {
     (_S.HALF_OPEN, _T.POSITION): _S.OPEN,
-    (_S.HALF_OPEN, _T.IDLE): _S.CLOSED,
-    (_S.HALF_OPEN, _T.REPLACED): _S.CLOSED,
-    (_S.HALF_OPEN, _T.PEER_CLOSED): _S.CLOSED,
-    (_S.HALF_OPEN, _T.CLOSE): _S.CLOSED,
-    (_S.OPEN, _T.IDLE): _S.CLOSED,
-    (_S.OPEN, _T.REPLACED): _S.CLOSED,
     (_S.OPEN, _T.CONTINUED): _S.CLOSED,
-    (_S.OPEN, _T.PEER_CLOSED): _S.CLOSED,
-    (_S.OPEN, _T.CLOSE): _S.CLOSED,
+    **{(state, trigger): _S.CLOSED for state in (_S.HALF_OPEN, _S.OPEN) for trigger in _ENDS},
 }
 
 
