@@ -86,10 +86,8 @@ def choose_operator(operator: str | None, page: str | None, console: "Console") 
     return operator or "page", ServedPage(sock, access, console)
 
 
-def listen_for(
-    page: str | None, views: "tuple[View, ...]", console: "Console", before: "Access | None" = None
-) -> "tuple[socket.socket, Access]":
-    """Return the socket on which views will be served, and how to reach them, if possible, as `before`.
+def listen_for(page: str | None, views: "tuple[View, ...]", console: "Console") -> "tuple[socket.socket, Access]":
+    """Return the socket on which views will be served, and how to reach them.
 
     Raise UnavailableError if the extra is missing or the address cannot be used; SettingsError if it is malformed.
     """
@@ -100,7 +98,7 @@ def listen_for(
         raise UnavailableError("the live page needs aiohttp (extra web): pip install aiohttp") from error
     from hapticnet.runtime.udp import is_loopback
 
-    sock, access = listen_for_pages(page_address(page), views, before)
+    sock, access = listen_for_pages(page_address(page), views)
     if not is_loopback(sock.getsockname()):
         console.warn(
             "other hosts can reach the page, and it is not encrypted: whoever reads these addresses on"

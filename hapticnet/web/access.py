@@ -56,21 +56,14 @@ def new_tokens(views: tuple[View, ...]) -> dict[View, str]:
     return {view: secrets.token_urlsafe(16) for view in views}
 
 
-def listen_for_pages(
-    address: HostPort | None, views: tuple[View, ...] = VIEWS, before: Access | None = None
-) -> tuple[socket.socket, Access]:
+def listen_for_pages(address: HostPort | None, views: tuple[View, ...] = VIEWS) -> tuple[socket.socket, Access]:
     """Return a listening socket, and how to reach the `views`; port 0 takes a free one.
 
     Without an `address`, `DEFAULT` is used, or another port of that host if this one is taken.
 
-    `before`: how the pages were reached in an earlier run. Its tokens open them again, and its port is taken if it is
-    free and no other one is named.
-
     Raise UnavailableError if the address cannot be used.
     """
     wanted = address or DEFAULT
-    if before is not None and (address is None or address.port == 0):
-        wanted = HostPort(wanted.host, before.port)
     try:
         sock = _listen(wanted)
     except UnavailableError:
@@ -80,7 +73,7 @@ def listen_for_pages(
     host, port = sock.getsockname()[:2]
     named = address.host if address is not None else host
     host = socket.gethostname() if named in ("0.0.0.0", "::") else named  # noqa: S104
-    return sock, Access(host, port, new_tokens(views) if before is None else before.tokens)
+    return sock, Access(host, port, new_tokens(views))
 
 
 def _listen(address: HostPort) -> socket.socket:

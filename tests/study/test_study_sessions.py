@@ -12,9 +12,7 @@ import time
 import pytest
 
 from hapticnet.errors import UnavailableError
-from hapticnet.study.plan import find_plan
 from hapticnet.study.rows import LimitsRow, OrderRow
-from hapticnet.study.session import keep_plan
 from hapticnet.study.store import read_table
 from hapticnet.study.weber import load_participant
 from tests.cli.test_cli_errors import ROOT
@@ -232,21 +230,3 @@ def test_a_slave_with_another_scene_is_told_and_plays_no_trial(folder):
         slave.wait()
     assert done.returncode == UnavailableError.exit_code
     assert "start it with --scene hapticnet.study.scene:NamedTissues" in done.stderr.splitlines()[-1]
-
-
-def test_a_full_disk_ends_the_session_with_one_line(folder):
-    keep_plan(find_plan(str(folder / "plan.toml")), folder / "study")  # with its texts it is larger than the table
-    command = (
-        f"ulimit -f 4; exec '{sys.executable}' -B -m hapticnet experiment limits --participant 01 --plan plan.toml"
-    )
-    done = subprocess.run(
-        ["bash", "-c", f"{command} --simulate never-different --jobs 1 --quiet"],
-        cwd=folder, env=os.environ | {"PYTHONPATH": str(ROOT)}, capture_output=True, text=True, check=False,
-    )  # fmt: skip
-    assert done.returncode != 0
-    assert "could not be stored" in done.stderr
-    assert len(done.stderr.splitlines()) == 1
-    rows = read_table(folder / "study/sub-01/ses-1/limits/sub-01_ses-1_task-limits_beh.tsv", LimitsRow)
-    asked = [row.this_n for row in rows if row.event == "trial"]
-    assert asked == list(range(len(asked)))
-    assert len(asked) > 3

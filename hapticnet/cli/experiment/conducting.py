@@ -104,7 +104,7 @@ def run(asked: LimitsOptions) -> None:
         shared = known, observer, form
         accounts = conduct_all(_conduct_in_virtual_time, shared, sessions, asked.jobs, console, counted)
     else:
-        with open_page(asked.page, console, sessions[0].folder, resume=asked.resume) as opened:
+        with open_page(asked.page, console) as opened:
             accounts = [_conduct_in_real_time(asked, sessions[0], known, observer, opened, form, console)]
     console.finish()
     for account in accounts:
