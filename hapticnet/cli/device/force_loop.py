@@ -1,8 +1,7 @@
 """``hapticnet device tune`` and ``step``: press a finger, to measure it, and to measure the force loop."""
 
-from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, TypeVar
 
 import typer
 
@@ -10,10 +9,14 @@ from hapticnet import options
 from hapticnet.cli.device.wired import profile_to_write
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from hapticnet.device.base import Device
     from hapticnet.device.profile import Profile
+    from hapticnet.node.procedures import StepTest, Tuning
 
 TICK_US = 1000
+Procedure = TypeVar("Procedure", "Tuning", "StepTest")
 
 
 def tune(
@@ -45,16 +48,14 @@ def tune(
 
     known = devices.load(profile)
     file = profile_to_write(profile, out)
-    tunings: list[Tuning] = []
 
-    def prepare(made: "Device") -> Callable[[int], bool]:
+    def prepare(made: "Device") -> Tuning:
         # The finger may be anywhere within the travel.
         fingertip = Fingertip(made, LimitSettings(), ForceControlSettings(reach_m=made.travel_m))
-        tunings.append(Tuning(fingertip, max_force_n=max_force))
-        return tunings[0].tick
+        return Tuning(fingertip, max_force_n=max_force)
 
-    made = _drive(device, known, seed, prepare)
-    tuned = tunings[0].result()
+    made, tuning = _drive(device, known, seed, prepare)
+    tuned = tuning.result()
     today = datetime.date.today().isoformat()
     finger = MeasuredFinger(stiffness_n_m=tuned.stiffness_n_m, contact_m=max(0.0, tuned.contact_m), date=today)
     tuned_profile = known.changed(finger=finger)
@@ -118,23 +119,21 @@ def step(
         pyplot()
     check_outputs(plot, csv, inputs=[profile])
     check_new(plot, overwrite=overwrite)
-    tests: list[StepTest] = []
 
-    def prepare(made: "Device") -> Callable[[int], bool]:
-        tests.append(StepTest(Fingertip(made, LimitSettings(), control), from_n=from_n, to_n=to_n))
-        return tests[0].tick
+    def prepare(made: "Device") -> StepTest:
+        return StepTest(Fingertip(made, LimitSettings(), control), from_n=from_n, to_n=to_n)
 
-    made = _drive(device, known, seed, prepare)
-    columns = tests[0].recording.table()
+    made, test = _drive(device, known, seed, prepare)
+    columns = test.recording.table()
     if csv is not None:
         write_csv(csv, columns)
-    t_s, at_s = columns["t_us"] * 1e-6, (tests[0].step_us or 0) * 1e-6
+    t_s, at_s = columns["t_us"] * 1e-6, (test.step_us or 0) * 1e-6
     forces = {"sensed": averaged(columns["sensed_n"], control.period_us // 1000), "true": columns["true_n"]}
     account: dict[str, Any] = {"device": made.description, "from_n": from_n, "to_n": to_n}
     for name, force_n in forces.items():
         if np.isfinite(force_n).all():
             account[name] = asdict(step_figures(t_s, force_n, at_s=at_s, from_n=from_n, to_n=to_n))
-    account["fingertip"] = tests[0].fingertip.report()
+    account["fingertip"] = test.fingertip.report()
     if plot is not None:
         plot_step(
             plot,
@@ -152,11 +151,12 @@ def step(
         )
 
 
-def _drive(text: str, known: "Profile", seed: int, prepare: "Callable[[Device], Callable[[int], bool]]") -> "Device":
-    """Open the device written as `text`, call `prepare` for a procedure's tick, and tick until it is done.
+def _drive(
+    text: str, known: "Profile", seed: int, prepare: "Callable[[Device], Procedure]"
+) -> "tuple[Device, Procedure]":
+    """Open the device written as `text`, run the procedure that is prepared for it, and return both, the device closed.
 
-    A simulated device runs in virtual time, any other in real time. Returns the device, closed, whose report is still
-    available.
+    A simulated device runs in virtual time, any other in real time.
     """
     import os
 
@@ -167,10 +167,10 @@ def _drive(text: str, known: "Profile", seed: int, prepare: "Callable[[Device], 
         os.sched_setaffinity(0, {min(os.sched_getaffinity(0))})
     with devices.virtual_device(text, known, seed) as device:
         if device is not None:
-            tick, now_us = prepare(device), 0
-            while not tick(now_us):
+            procedure, now_us = prepare(device), 0
+            while not procedure.tick(now_us):
                 now_us += TICK_US
-            return device
+            return device, procedure
     from hapticnet.cli.console import Console
     from hapticnet.device.user import UserActuator
     from hapticnet.errors import SettingsError
@@ -185,6 +185,7 @@ def _drive(text: str, known: "Profile", seed: int, prepare: "Callable[[Device], 
         assert device is not None  # noqa: S101 - for the type checker: virtual_device refuses "none"
         if isinstance(device, UserActuator):
             raise SettingsError(f"device {text} renders forces by itself; there is no force loop to try")
-        if not run(run_device(wire, prepare(device))):
+        procedure = prepare(device)
+        if not run(run_device(wire, procedure.tick)):
             raise typer.Exit(130)
-        return device
+        return device, procedure
