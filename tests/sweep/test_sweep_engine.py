@@ -180,21 +180,34 @@ def test_a_pipe_in_the_folder_is_refused_in_one_line(plan, tmp_path, name):
         swept(plan, tmp_path, HerePool(plan))
 
 
-def test_a_run_that_fails_has_its_error_in_the_place_of_figures(write_study, rows, tmp_path):
-    code = tmp_path / "mine.py"
-    code.write_text(
-        "from hapticnet.codec.schemes.deadband import Deadband\n"
-        "class Mine(Deadband):\n"
-        "    name = 'mine'\n"
-        "    def encoder(self, axes):\n"
-        "        if self.law.multiplier > 2:\n"
-        "            raise RuntimeError('too coarse for me')\n"
-        "        return super().encoder(axes)\n"
+@pytest.fixture
+def own_codec(write_study, tmp_path):
+    """Return what plans the small study with a codec of the user's that runs a statement at its start."""
+
+    def planned(statement, *replaced):
+        (tmp_path / "mine.py").write_text(
+            "import os\n"
+            "from hapticnet.codec.schemes.deadband import Deadband\n"
+            "class Mine(Deadband):\n"
+            "    name = 'mine'\n"
+            "    def encoder(self, axes):\n"
+            f"        if self.law.multiplier > 2: {statement}\n"
+            "        return super().encoder(axes)\n"
+        )
+        path = write_study()
+        text = path.read_text()
+        for old, new in replaced:
+            text = text.replace(old, new)
+        path.write_text(text)
+        return plan_of(read_study(path))
+
+    return planned
+
+
+def test_a_run_that_fails_has_its_error_in_the_place_of_figures(own_codec, rows, tmp_path):
+    plan = own_codec(
+        "raise RuntimeError('too coarse for me')", ('"deadband", "linear-predictive"', '"raw", "mine.py:Mine"')
     )
-    text = (tmp_path / "s.toml").name
-    path = write_study(name=text)
-    path.write_text(path.read_text().replace('["deadband", "linear-predictive"]', '["raw", "mine.py:Mine"]'))
-    plan = plan_of(read_study(path))
     done = swept(plan, tmp_path / "out", HerePool(plan), shard=50)
     found = rows(tmp_path / "out")
     bad = [row for row in found if row["error"] is not None]
@@ -220,21 +233,9 @@ def test_shards_grow_to_seconds_and_shrink_toward_the_end():
     assert together.next(10_000, 2) == 5, "observers of one trial are not torn apart"
 
 
-def test_a_run_that_ends_its_process_costs_its_own_shard_only(write_study, rows, tmp_path):
-    (tmp_path / "mine.py").write_text(
-        "import os\n"
-        "from hapticnet.codec.schemes.deadband import Deadband\n"
-        "class Mine(Deadband):\n"
-        "    name = 'mine'\n"
-        "    def encoder(self, axes):\n"
-        "        if self.law.multiplier == 9:\n"
-        "            os._exit(1)\n"
-        "        return super().encoder(axes)\n"
-    )
-    path = write_study()
-    text = path.read_text().replace('["deadband", "linear-predictive"]', '"mine.py:Mine"').replace("2.5", "9")
-    path.write_text(text.replace("repeats = 4", "repeats = 1"))
-    plan = plan_of(read_study(path))  # 8 runs, the last 4 of which end their process
+def test_a_run_that_ends_its_process_costs_its_own_shard_only(own_codec, rows, tmp_path):
+    codec, once = ('["deadband", "linear-predictive"]', '"mine.py:Mine"'), ("repeats = 4", "repeats = 1")
+    plan = own_codec("os._exit(1)", codec, once)  # 8 runs, the last 4 of which end their process
     pool = local_pool(plan, 2)
     try:
         done = swept(plan, tmp_path / "out", pool, shard=4)
