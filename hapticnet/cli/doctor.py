@@ -15,8 +15,9 @@ if TYPE_CHECKING:
     from hapticnet.runtime.doctor import Finding, Step
     from hapticnet.runtime.serial_port import SerialSpec
 
+NARROWEST: Final = 40
 WIDEST: Final = 100
-"""Characters of a line that still reads well."""
+"""Characters of a line that still reads well: in fewer, a value would stand in single letters."""
 
 INDENT: Final = 14
 """Column of titles, and of all that is said below them."""
@@ -97,7 +98,7 @@ def print_page(findings: "Sequence[Finding]", *, measured: bool) -> None:
     origin = provenance()
     machine = origin["machine"]
     console = Console(highlight=False, emoji=False, markup=False)
-    width = min(console.width, WIDEST)
+    width = max(NARROWEST, min(console.width, WIDEST))
     head = f"hapticnet doctor {origin['version']}, {origin['date']}"
     about = f"{machine['processor']}, {machine['system']}, {machine['python']}"
     page = [Text(line, style=style) for text, style in ((head, "bold"), (about, "")) for line in wrap(text, width)]
