@@ -23,10 +23,11 @@ from hapticnet.codec.registry import make_codec
 from hapticnet.experiment.analysis import CONDITIONS, Columns, Condition, bytes_per_penetration
 from hapticnet.experiment.trials import paper_trial
 from hapticnet.measure.metrics import error_report
+from hapticnet.node.offline import force_datagram_bytes
 from hapticnet.node.settings import MasterSettings
 from hapticnet.operator.scripted import InsertionSettings, ScriptedOperator
 from hapticnet.perception import PAPER_FLOOR_N, WeberLaw
-from hapticnet.protocol.wire import Kind, force_datagram_bytes
+from hapticnet.protocol.wire import Kind
 
 NONE, ONE_JND = CONDITIONS[:2]
 PAPER_REDUCTION = ONE_JND.paper_byte_reduction or 0.0

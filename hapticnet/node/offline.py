@@ -9,7 +9,7 @@ from hapticnet.arrays import FloatArray, IntArray
 from hapticnet.codec.base import Codec, Encoding
 from hapticnet.measure.metrics import ErrorReport, error_report, worst_window_packets
 from hapticnet.protocol.settings import SessionSettings
-from hapticnet.protocol.wire import UDP_IPV4_HEADER_BYTES, force_datagram_bytes, keepalive_datagram_bytes
+from hapticnet.protocol.wire import MODULUS, UDP_IPV4_HEADER_BYTES
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -80,3 +80,22 @@ def _datagram_bytes(t_us: IntArray, payload_bytes: npt.NDArray[np.uint16]) -> in
     # A session's sequence numbers begin with the WELCOME, which takes 0.
     sequence = np.arange(1, len(t_us) + 1, dtype=np.int64)
     return int(force_datagram_bytes(sequence, t_us, payload_bytes).sum())
+
+
+def force_datagram_bytes(sequence: IntArray, t_us: IntArray, payload_bytes: npt.NDArray[np.uint16]) -> IntArray:
+    """Return the size [B] of FORCE datagrams, without UDP and IP headers, shapes (m,).
+
+    The arithmetic of msgpack: one byte for each array head, version and kind, five for a session, two for each byte
+    string's head, and one to five for an unsigned integer by its size.
+    """
+    return 13 + _uint_bytes(sequence) + _uint_bytes(t_us) + payload_bytes
+
+
+def keepalive_datagram_bytes(sequence: IntArray, t_us: IntArray, newest_force: IntArray) -> IntArray:
+    """Return the size [B] of KEEPALIVE datagrams, without UDP and IP headers, shapes (m,)."""
+    return 11 + _uint_bytes(sequence) + _uint_bytes(t_us) + _uint_bytes(newest_force)
+
+
+def _uint_bytes(values: IntArray) -> IntArray:
+    sizes = np.array([1, 2, 3, 5], dtype=np.int64)
+    return sizes[np.searchsorted([1 << 7, 1 << 8, 1 << 16], values % MODULUS, side="right")]

@@ -13,10 +13,7 @@ from collections.abc import Callable
 from typing import Any, Final, NamedTuple, TypeVar
 
 import msgpack
-import numpy as np
-import numpy.typing as npt
 
-from hapticnet.arrays import IntArray
 from hapticnet.errors import PeerError
 from hapticnet.samples import new_tuple
 
@@ -163,25 +160,6 @@ def unpack_nonce(body: bytes) -> int:
 def is_uint32(value: object) -> bool:
     """Return whether a decoded value is an unsigned 32-bit integer (and not a boolean)."""
     return type(value) is int and 0 <= value < MODULUS
-
-
-def force_datagram_bytes(sequence: IntArray, t_us: IntArray, payload_bytes: npt.NDArray[np.uint16]) -> IntArray:
-    """Return the size [B] of FORCE datagrams, without UDP and IP headers, shapes (m,).
-
-    The arithmetic of msgpack: one byte for each array head, version and kind, five for a session, two for each byte
-    string's head, and one to five for an unsigned integer by its size.
-    """
-    return 13 + _uint_bytes(sequence) + _uint_bytes(t_us) + payload_bytes
-
-
-def keepalive_datagram_bytes(sequence: IntArray, t_us: IntArray, newest_force: IntArray) -> IntArray:
-    """Return the size [B] of KEEPALIVE datagrams, without UDP and IP headers, shapes (m,)."""
-    return 11 + _uint_bytes(sequence) + _uint_bytes(t_us) + _uint_bytes(newest_force)
-
-
-def _uint_bytes(values: IntArray) -> IntArray:
-    sizes = np.array([1, 2, 3, 5], dtype=np.int64)
-    return sizes[np.searchsorted([1 << 7, 1 << 8, 1 << 16], values % MODULUS, side="right")]
 
 
 def _decode(data: bytes) -> tuple[Any, ...]:

@@ -7,9 +7,10 @@ from typing import Any, Final
 import numpy as np
 
 from hapticnet.node.master import MasterNode
+from hapticnet.node.offline import force_datagram_bytes
 from hapticnet.protocol.seal import TAG_BYTES
 from hapticnet.protocol.stats import Distribution
-from hapticnet.protocol.wire import UDP_IPV4_HEADER_BYTES, Kind, force_datagram_bytes
+from hapticnet.protocol.wire import UDP_IPV4_HEADER_BYTES, Kind
 
 WINDOW_S: Final = 1.0
 _Counts = tuple[float, ...]  # packets, wire bytes, and both if every sample were sent raw; feedback, then forward

@@ -12,13 +12,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from hapticnet.errors import PeerError
+from hapticnet.node.offline import force_datagram_bytes
 from hapticnet.protocol import messages
 from hapticnet.protocol.wire import (
     MAX_DATAGRAM_BYTES,
     OPEN,
     SEALED,
     Kind,
-    force_datagram_bytes,
     pack,
     pack_body,
     unpack,
