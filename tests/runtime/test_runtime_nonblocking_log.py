@@ -194,9 +194,6 @@ def test_a_report_that_is_read_slowly_is_complete(pipe):
 def test_a_report_that_nobody_reads_is_given_up(pipe):
     with pytest.raises(FileError, match="not being read"):
         write_watched(pipe.writer, "x" * 10_000, stall_s=0.01)
-
-
-def test_a_report_whose_reader_has_gone_says_so(pipe):
     pipe.close_reader()
     with pytest.raises(BrokenPipeError):
         write_watched(pipe.writer, "x" * 10_000, stall_s=60.0)
@@ -205,28 +202,17 @@ def test_a_report_whose_reader_has_gone_says_so(pipe):
 LINE = LogLine("link „stale“", "master", Level.WARNING, "LinkStale", time_s=1_763_799_470.1234)
 
 
-@pytest.mark.parametrize(
-    ("form", "text"),
-    [
-        (Form.PLAIN, "master: warning: link „stale“\n"),
-        (Form.STAMPED, "2025-11-22T08:17:50.123Z warning master: link „stale“\n"),
-        (Form.JOURNAL, "<4>master: link „stale“\n"),
-    ],
-)
-def test_a_line_for_people(form, text):
-    assert LINE.write(form) == text
-
-
-def test_a_line_for_programs_is_one_json_object():
+def test_a_line_has_the_form_that_its_reader_expects():
+    assert LINE.write(Form.PLAIN) == "master: warning: link „stale“\n"
+    assert LINE.write(Form.STAMPED) == "2025-11-22T08:17:50.123Z warning master: link „stale“\n"
+    assert LINE.write(Form.JOURNAL) == "<4>master: link „stale“\n"
     text = LINE.write(Form.JSON)
     assert text.count("\n") == 1
     assert json.loads(text) == {
-        "time": "2025-11-22T08:17:50.123Z",
-        "level": "warning",
-        "source": "master",
-        "message": "link „stale“",
+        "time": "2025-11-22T08:17:50.123Z", "level": "warning", "source": "master", "message": "link „stale“",
         "event": "LinkStale",
-    }
+    }  # fmt: skip
+    assert LogLine("\x1b[2Kgone", "master").write(Form.PLAIN) == "master: ?[2Kgone\n"
 
 
 def test_the_journal_is_recognised_by_the_file_it_gave_us(tmp_path):
