@@ -1,12 +1,9 @@
 """What processes record, when they are killed and when the disk is full."""
 
 import json
-import os
 import signal
 import subprocess
-import sys
 import time
-from pathlib import Path
 
 import numpy as np
 
@@ -16,7 +13,6 @@ from hapticnet.recordings.session.sink import UNFINISHED
 from hapticnet.recordings.text import read_csv
 from tests.cli.test_cli_errors import THE_ERROR
 
-ROOT = Path(__file__).parents[2]
 PATIENCE_S = 20.0
 MOST_LOST_US = 1_000_000
 """The bound is 0.3 s; on a machine that is busy with other tests, timers are late."""
@@ -87,29 +83,21 @@ def test_ctrl_c_in_the_terminal_completes_the_files(start, serve, tmp_path):
     assert read_session(record).about["report"]["ticks"] == len(read_session(record).main["t_us"])
 
 
-def test_a_full_disk_ends_the_recording_but_not_the_run(start, tmp_path):
+def test_a_full_disk_ends_the_recording_but_not_the_run(start, serve, tmp_path):
     """A limit of the size of files stands for the disk; it is above that of the report."""
     folder, report = tmp_path / "slave", tmp_path / "slave.json"
-    command = f"ulimit -f 24; exec {sys.executable} -m hapticnet slave --listen 127.0.0.1:0 --no-real-time"
-    slave = subprocess.Popen(
-        ["bash", "-c", f"{command} --record-dir {folder} --report {report}"],
-        stderr=subprocess.PIPE,
-        stdout=subprocess.DEVNULL,
-        text=True,
-        cwd=ROOT,
-        env=os.environ | {"PYTHONDONTWRITEBYTECODE": "1"},  # the limit would cut off compiled modules for all others
-    )
-    assert slave.stderr is not None
-    address = next(slave.stderr).split("listening on ")[1].split(",")[0]
+    # The limit would cut off compiled modules for all others.
+    limited = ("env", "PYTHONDONTWRITEBYTECODE=1", "bash", "-c", 'ulimit -f 24; exec "$@"', "bash")
+    slave, address = serve("--record-dir", str(folder), "--report", str(report), prefix=limited)
     for name in ("one", "two"):
-        master = start("master", "--connect", address, "--name", name, "--duration", "1", "--rate", "500")
-        assert master.process.wait(PATIENCE_S) == 0, master.said()
-    slave.send_signal(signal.SIGINT)
-    _, said = slave.communicate(timeout=PATIENCE_S)
-    assert slave.returncode == 3, "the user must not believe that the recordings are complete"
-    assert said.count("recording stops: ") == 1
-    assert "Traceback" not in said
-    assert THE_ERROR.sub("", said.splitlines()[-1]).startswith("the recordings are incomplete: ")
+        master = start("master", "--connect", address, "--name", name, "--duration", "60", "--rate", "500")
+        slave.wait_for(f"'{name}' joined")
+        slave.wait_for("recording stops: ")
+        assert master.end() == 0, master.said()
+    assert slave.end(signal.SIGINT) == 3, "the user must not believe that the recordings are complete"
+    assert slave.said().count("recording stops: ") == 1
+    assert "Traceback" not in slave.said()
+    assert THE_ERROR.sub("", slave.said().splitlines()[-1]).startswith("the recordings are incomplete: ")
     account = json.loads(report.read_text())
     assert [session["master"] for session in account["sessions"]] == ["one", "two"]
     assert "File too large" in account["recording"]["stopped"]
