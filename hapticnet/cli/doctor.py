@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 NARROWEST: Final = 40
 WIDEST: Final = 100
-"""Characters of a line that still reads well: in fewer, a value would stand in single letters."""
+"""Characters of a line: fewer leave a value no room, and more read badly."""
 
 INDENT: Final = 14
 """Column of titles, and of all that is said below them."""
