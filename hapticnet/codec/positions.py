@@ -81,6 +81,7 @@ LAYOUT: Final[Mapping[int, struct.Struct]] = {
     axes: struct.Struct(f">{2 + 2 * axes}f") for axes in range(1, MAX_AXES + 1)
 }
 
+FARTHEST_M: Final = 2.0 * LARGEST_COMPONENT  # largest distance of a side of a box from the origin [m]
 STIFFEST: Final = 1e9  # largest stiffness [N/m] and damping [N·s/m]. Anything above is as good as no bound.
 
 
@@ -125,12 +126,8 @@ def _is_good(bound: StiffnessBound) -> bool:
     return (
         0.0 <= stiffness <= STIFFEST
         and 0.0 <= damping <= STIFFEST
-        and all(_is_side(low) and _is_side(high) and low <= high for low, high in zip(low_m, high_m, strict=True))
+        and all(-FARTHEST_M <= low <= high <= FARTHEST_M for low, high in zip(low_m, high_m, strict=True))
     )
-
-
-def _is_side(component: float) -> bool:
-    return abs(component) <= 2.0 * LARGEST_COMPONENT
 
 
 def _rounded(x: float, toward: float) -> float:

@@ -4,13 +4,15 @@ import math
 from bisect import bisect_right
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import Final
+from typing import Final, TypeVar
 
 import numpy as np
 
 from hapticnet.arrays import FloatArray
 from hapticnet.checks import check_integer, check_parameter
 from hapticnet.samples import PositionSample, Vector, new_tuple
+
+T = TypeVar("T")
 
 TREMOR_BAND_HZ = (8.0, 12.0)
 """Band of the peak of physiological tremor, from the title of Novak and Newell, Neuroscience Letters (2017)."""
@@ -89,19 +91,14 @@ class ScriptedOperator:
         waves = tremor_waves(rng)
         self._waves = waves if settings.tremor_rms_m else ()
         self._amplitude_m = settings.tremor_rms_m * math.sqrt(2.0 / TREMOR_SINUSOIDS)
-        # A phase is (start [µs], 1/duration [1/µs], from [m], by [m]).
-        self._phases: list[tuple[int, float, float, float]] = []
-        self._ends_us: list[int] = []
-        t_us = 0
-        for _ in range(settings.insertions):
-            for duration_s, from_m, to_m in _insertion(settings, rng):
-                duration_us = round(duration_s * 1e6)
-                if duration_us:
-                    self._phases.append((t_us, 1.0 / duration_us, from_m, to_m - from_m))
-                    t_us += duration_us
-                    self._ends_us.append(t_us)
+        moves = [
+            (duration_s, from_m, to_m - from_m)
+            for _ in range(settings.insertions)
+            for duration_s, from_m, to_m in _insertion(settings, rng)
+        ]
+        self._phases, self._ends_us = _timeline(moves)
         # Duration of the script [µs]; before and after it the hand rests at the start, without tremor
-        self.duration_us = t_us
+        self.duration_us = self._ends_us[-1]
 
     def sample(self, t_us: int) -> PositionSample:
         """Return the position of the needle at `t_us` [µs] from the start of the script."""
@@ -116,6 +113,18 @@ class ScriptedOperator:
             tau = (t_us - start_us) * per_us
             position_m += by_m * tau * tau * tau * (10.0 + tau * (6.0 * tau - 15.0))
         return new_tuple(PositionSample, (t_us, (position_m,)))
+
+
+def _timeline(moves: list[tuple[float, T, T]]) -> tuple[list[tuple[int, float, T, T]], list[int]]:
+    """Return phases (start [µs], 1/duration [1/µs], from [m], by [m]), and their ends [µs], of moves that take time."""
+    phases: list[tuple[int, float, T, T]] = []
+    ends_us = [0]
+    for duration_s, from_m, by_m in moves:
+        duration_us = round(duration_s * 1e6)
+        if duration_us:
+            phases.append((ends_us[-1], 1.0 / duration_us, from_m, by_m))
+            ends_us.append(ends_us[-1] + duration_us)
+    return phases, ends_us[1:]
 
 
 def _insertion(settings: InsertionSettings, rng: np.random.Generator) -> list[tuple[float, float, float]]:
@@ -207,23 +216,17 @@ class PalpatingOperator:
         waves = [tremor_waves(rng) for _ in range(self.axes)]
         self._waves = waves if settings.tremor_rms_m else []
         self._amplitude_m = settings.tremor_rms_m * math.sqrt(2.0 / TREMOR_SINUSOIDS)
-        # A phase is (start [µs], 1/duration [1/µs], from [m], by [m]).
-        self._phases: list[tuple[int, float, Vector, Vector]] = []
-        self._ends_us: list[int] = []
         inward = np.array(settings.inward[: self.axes]) / math.hypot(*settings.inward[: self.axes])
         at_m = start_m = np.array(settings.surface_m[: self.axes]) - settings.hover_m * inward
         self._rest: Vector = tuple(start_m.tolist())
-        t_us = 0
+        moves: list[tuple[float, Vector, Vector]] = []
         for _ in range(settings.palpations):
             for duration_s, to_m in _palpation(settings, inward, start_m, rng):
-                duration_us = round(duration_s * 1e6)
-                if duration_us:
-                    self._phases.append((t_us, 1.0 / duration_us, tuple(at_m.tolist()), tuple((to_m - at_m).tolist())))
-                    t_us += duration_us
-                    self._ends_us.append(t_us)
+                moves.append((duration_s, tuple(at_m.tolist()), tuple((to_m - at_m).tolist())))
                 at_m = to_m
+        self._phases, self._ends_us = _timeline(moves)
         # Duration of the script [µs]; before and after it the hand rests at the start, without tremor
-        self.duration_us = t_us
+        self.duration_us = self._ends_us[-1]
 
     def sample(self, t_us: int) -> PositionSample:
         """Return the position of the finger at `t_us` [µs] from the start of the script."""

@@ -254,17 +254,13 @@ def receive(rule: CurveRule, curve: Curve, t_us: int, message: CurveMessage) -> 
 class AdaptivePredictive(Scheme):
     """Transmit a curve that predicts the stimulus, with coefficients learned from earlier curves.
 
-    Rule: both sides apply ``p = value + travel · s · (2 - s)``, ``s = min((t - t_sent) / horizon, 1)``: a slope that
-    falls to zero at the horizon, then a hold. Send when ``|x - p| > threshold(|p|)``, strictly. The first stimulus is
-    always sent. A curve has ``travel = horizon / 2 · (c1 · short slope + c2 · long slope)`` and
+    Rule: both sides apply ``p = value + travel · s · (2 - s)``, ``s = min((t - t_sent) / horizon, 1)``. Send when ``|x
+    - p| > threshold(|p|)``, strictly. A curve has ``travel = horizon / 2 · (c1 · short slope + c2 · long slope)`` and
     ``value = x + c3 · level``. Slopes and level are those of the newest samples, the c are learned by least squares
-    (both in `schemes.trend`). Where both slopes agree, a curve leads them by at most 0.3 thresholds. A curve never
-    starts further from x than the threshold.
-    Payload: the value as in the deadband, then the travel, float16 an axis, in thresholds around the value.
+    (both in `schemes.trend`). Where both slopes agree, a curve leads them by at most 0.3 thresholds.
 
-    Without loss the applied stimulus is within the threshold of the true one at every sample, whatever the input.
-    After a loss, or while an update is late, the receiver follows the curve to its end, at most ``|travel|`` from its
-    start.
+    Without loss the applied stimulus is within the threshold of the true one at every sample, whatever the input. After
+    a loss, or while an update is late, the receiver follows the curve to its end, at most ``|travel|`` from its start.
 
     Attributes
     ----------

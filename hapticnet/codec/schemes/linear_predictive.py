@@ -251,14 +251,11 @@ def _slope(past: Past, first: int, axis: int, count: float, total: float, spread
 class LinearPredictive(Scheme):
     """Transmit value and slope when the stimulus leaves the line that was transmitted last.
 
-    Rule: both sides predict ``p = value + slope · min(t - t_sent, horizon)``, limited to ±1e15 an axis; send when
-    ``|x - p| > threshold(|p|)``, strictly. `slope` is that of the least-squares line through the newest samples,
-    without those before an impact (`is_impact`). The first stimulus is always sent.
-    Payload: the value as in the deadband, then the slope [N/s]: float32 an axis, or int16 beside an int16 value.
+    Rule: both sides predict ``p = value + slope · min(t - t_sent, horizon)``; send when ``|x - p| > threshold(|p|)``,
+    strictly. `slope` is that of the least-squares line through the newest samples, without those before an impact.
 
-    Without loss the applied stimulus is within the threshold of the true one at every sample, whatever the input. At
-    an impact it therefore overshoots by at most a threshold; between two samples, or while an update is late, by
-    ``|slope| · time`` more, until the horizon.
+    Without loss the applied stimulus is within the threshold of the true one at every sample, whatever the input.
+    Between two samples, or while an update is late, it overshoots by ``|slope| · time`` more, until the horizon.
 
     Attributes
     ----------

@@ -18,14 +18,8 @@ from hapticnet.vectors import along, dot, in_range, limited, minus, over, plus, 
 Motion: TypeAlias = tuple[bool, int, int, Vector, Vector]
 """``(is_known, samples, t_us, position, velocity)`` of the tool.
 
-A plain tuple, because there is a new one at every sample, and a named tuple takes ten times as long to make.
-
-is_known
-    Whether there has been a position at all.
-samples
-    Number of positions in a row up to the present sample; 0 if that of the present one is not known.
-t_us, position, velocity
-    Time [µs], position [m] and velocity [m/s] of the newest one.
+`samples` is the number of positions in a row up to the present sample, and the others are those of the newest position
+[µs, m, m/s], if there has been one. A plain tuple, because a named tuple takes ten times as long to make.
 """
 
 

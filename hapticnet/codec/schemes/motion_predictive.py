@@ -231,15 +231,9 @@ class MotionPredictive(Scheme):
     """Transmit how the stimulus follows from time and the receiver's own position, when it leaves the prediction.
 
     Rule: send when ``|x - p| > threshold(|p|)``, strictly, where p is what the receiver applies at its position and
-    velocity. The first stimulus is always sent. A payload is complete and one of four: hold a value; a curve in time;
-    a surface, ``offset + κ (κ·position)``, which does not pull; or a coupling, ``offset + K·position + B·velocity``
-    and a curve in time (`schemes.motion`). The sender runs a predictor for each like a separate codec, and sends with
-    the one that has needed the fewest packets recently.
-
-    Velocity: as in `schemes.motion`, with a time constant of 5 ms, from the positions that each side knows. The rule
-    takes the sender's for the receiver's. A receiver that is elsewhere, because the network is slow or positions are
-    coded, applies the same function at its own position. Without positions, it is the better of `adaptive_predictive`
-    and the deadband.
+    velocity (`schemes.motion`). The sender runs a predictor for each of the four kinds of payload like a separate
+    codec, and sends with the one that has needed the fewest packets recently. Without positions, it is the better of
+    `adaptive_predictive` and the deadband.
 
     Without loss and delay the applied stimulus is within the threshold of the true one at every sample, whatever the
     input. While an update is late or lost, the receiver follows the line; stiffness and viscosity are bounded, and a
