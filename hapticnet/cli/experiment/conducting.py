@@ -14,10 +14,10 @@ from threading import Thread
 from typing import TYPE_CHECKING, Any, Final, TypeAlias
 
 from hapticnet.cli.console import Console, complain, deliver, show
-from hapticnet.cli.experiment.page import OpenedPage, check_page, open_page
 from hapticnet.cli.experiment.results import write_results
 from hapticnet.cli.experiment.sessions import LimitsOptions, OrderOptions
 from hapticnet.cli.operators import make_operator
+from hapticnet.cli.pages import listen_for, page_address, say_addresses
 from hapticnet.control.hold import LimitSettings
 from hapticnet.device.profile import Profile
 from hapticnet.device.user import UserActuator
@@ -56,8 +56,13 @@ from hapticnet.study.tasks import LIMITS, ORDER
 from hapticnet.study.texts import english
 
 if TYPE_CHECKING:
+    import socket
+
     from hapticnet.node.events import NodeEvent
+    from hapticnet.operator.base import Operator
     from hapticnet.runtime.watching import Watcher
+    from hapticnet.study.page import ParticipantPage
+    from hapticnet.web.access import Access
 
 MOST_PARTICIPANTS: Final = 10_000
 NO_NOISE: Final = "masking noise: only the page plays it (--page); play white noise from another program"
@@ -66,7 +71,11 @@ OnTrial: TypeAlias = Callable[[], None]  # called when a trial was answered
 
 def run(asked: LimitsOptions) -> None:
     """Conduct the sessions that are asked for, and print what came of them."""
-    check_page(asked.page, asked.simulate, asked.operator if isinstance(asked, OrderOptions) else None)
+    page_address(asked.page)
+    if asked.page is not None and asked.simulate is not None:
+        raise SettingsError("--page is for a person; a simulated observer needs none")
+    if asked.page is None and isinstance(asked, OrderOptions) and asked.operator == "page":
+        raise SettingsError("--operator page needs --page")
     observer = None if asked.simulate is None else parse_observer(asked.simulate)
     virtual = observer is not None and not asked.wall_clock
     sessions = _sessions(asked, find_plan(asked.plan), observer)
@@ -104,7 +113,7 @@ def run(asked: LimitsOptions) -> None:
         shared = known, observer, form
         accounts = conduct_all(_conduct_in_virtual_time, shared, sessions, asked.jobs, console, counted)
     else:
-        with open_page(asked.page, console) as opened:
+        with _socket_of_page(asked.page, console) as opened:
             accounts = [_conduct_in_real_time(asked, sessions[0], known, observer, opened, form, console)]
     console.finish()
     for account in accounts:
@@ -192,12 +201,14 @@ def _conduct_in_real_time(
     settings: SessionSettings,
     known: Profile,
     observer: ObserverSettings | None,
-    opened: OpenedPage | None,
+    opened: "tuple[socket.socket, Access] | None",
     form: RecordingForm,
     console: Console,
 ) -> dict[str, Any]:
     """Conduct a session with a person at a page or a terminal, or with a simulated observer; return its account."""
-    source, hand, page = "nobody", None, None
+    source = "nobody"
+    hand: Operator | None = None
+    page: ParticipantPage | None = None
     watchers: tuple[Watcher[NodeEvent], ...] = ()
     if isinstance(asked, OrderOptions):
         source = asked.operator or ("udp:47810" if opened is None else "page")
@@ -206,8 +217,14 @@ def _conduct_in_real_time(
             made = make_operator(source, insertions=1, seed=settings.seed, say=console.say, warn=warn)
             hand, watchers = made.operator, tuple(made.watchers)
     if opened is not None:
-        page, hand, served = opened.make(hand, source.partition(":")[0], settings.plan)
-        watchers += served
+        from hapticnet.study import page as pages  # it needs the extra web
+        from hapticnet.web.server import Server
+
+        sock, access = opened
+        seen, plan = None if hand is None else pages.SeenHand(hand), settings.plan
+        where = source.partition(":")[0]
+        page = pages.ParticipantPage(seen, where, texts=plan.texts, masking_noise=plan.masking_noise, say=console.say)
+        hand, watchers = seen, (*watchers, Server(page, access, sock), page)
     with (
         _fingertip(settings, known) as (fingertip, wire),
         _slave(asked) as (address, master_settings),
@@ -239,6 +256,19 @@ def _conduct_in_real_time(
 
         _run(session())
         return account_of(settings, flow)
+
+
+@contextmanager
+def _socket_of_page(page: str | None, console: Console) -> "Iterator[tuple[socket.socket, Access] | None]":
+    """Yield where the participant's page will be served, opened early so that a wrong address is told at once."""
+    if page is None:
+        yield None
+        return
+    sock, access = listen_for(page, ("operator",), console)
+    with sock:
+        say_addresses({"the participant's page: ": "operator"}, access, console)
+        console.say("press Escape here to stop what the participant feels, Ctrl-C to interrupt the session")
+        yield sock, access
 
 
 def _run(session: Coroutine[Any, Any, None]) -> None:
