@@ -60,7 +60,6 @@ _KINDS: Final = (
     (b"TDSm", "a LabVIEW TDMS file", "export it as CSV"),
     *((magic, "a compressed file", "unpack it first") for magic in _COMPRESSED),
     (b"\xd0\xcf\x11\xe0", "a Microsoft Office file, such as .xls", "save it as CSV"),
-    (b"\x89PNG", "a PNG picture", ""),
     (b"%PDF-", "a PDF document", ""),
     (b"<!DOCTYPE", "an HTML page", "save the data itself"),
     (b"<html", "an HTML page", "save the data itself"),
