@@ -16,6 +16,7 @@ import socket
 import subprocess
 import sys
 import tempfile
+import time
 from contextlib import suppress
 from functools import cache
 from pathlib import Path
@@ -74,6 +75,28 @@ def hapticnet(*arguments: object, cwd: Path | None = None) -> subprocess.Complet
             stream.seek(0)
             written.append(stream.read().decode())
     return subprocess.CompletedProcess(process.args, code, *written)
+
+
+def wait_until(condition, within_s=PATIENCE_S):
+    """Wait for a condition, and return what made it true."""
+    end_s = time.monotonic() + within_s
+    while not (found := condition()):
+        assert time.monotonic() < end_s, "it takes too long"
+        time.sleep(0.002)
+    return found
+
+
+def children_of(number):
+    """Return the numbers of the processes that a process has started."""
+    return [int(each) for each in Path(f"/proc/{number}/task/{number}/children").read_text().split()]
+
+
+def is_running(number):
+    """Tell whether a process runs; one that has ended may still wait for somebody to ask how."""
+    try:
+        return Path(f"/proc/{number}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
+    except OSError:
+        return False
 
 
 @cache

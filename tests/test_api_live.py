@@ -5,7 +5,6 @@ import itertools
 import signal
 import socket
 import threading
-import time
 
 import numpy as np
 import pytest
@@ -18,6 +17,7 @@ from hapticnet.protocol.states import Connected, Ended, LinkRecovered, LinkStale
 from hapticnet.recordings.session.reading import read_session
 from hapticnet.recordings.session.session import in_force
 from hapticnet.runtime.udp import DRAIN_US
+from tests.ready import wait_until
 
 ANY_PORT = "127.0.0.1:0"
 
@@ -33,13 +33,6 @@ class Spring:
         if self.broken:
             raise OSError("the arm does not answer")
         return [200.0 * each for each in sample.position_m]
-
-
-def wait_until(condition, within_s=10.0):
-    end_s = time.monotonic() + within_s
-    while not condition():
-        assert time.monotonic() < end_s, "it never happened"
-        time.sleep(0.005)
 
 
 def kinds(events):

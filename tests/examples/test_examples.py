@@ -6,7 +6,6 @@ import re
 import struct
 import subprocess
 import sys
-import time
 import types
 from pathlib import Path
 
@@ -19,6 +18,7 @@ from hapticnet.device.user import UserDevice
 from hapticnet.node.fingertip import Fingertip
 from hapticnet.operator.base import UserOperator
 from hapticnet.user_code import find_user_class, load_user_code
+from tests.ready import wait_until
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 FILES = sorted(set(EXAMPLES.glob("*.py")) - set(EXAMPLES.glob("smallest_*.py")))
@@ -31,13 +31,6 @@ def leave_no_traces(monkeypatch):
 
 def load(source):
     return load_user_code(source, "example", EXAMPLES)
-
-
-def wait_until(condition, within_s=20.0):
-    end_s = time.monotonic() + within_s
-    while not condition():
-        assert time.monotonic() < end_s, "it never happened"
-        time.sleep(0.001)
 
 
 @pytest.mark.parametrize("file", FILES, ids=lambda file: file.name)

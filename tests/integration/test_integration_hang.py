@@ -1,10 +1,9 @@
 """User code that does not return: one signal still ends the process, within a stated time and with a report."""
 
 import signal
-import time
 
 from hapticnet.runtime import signals
-from tests.integration.conftest import PATIENCE_S
+from tests.ready import wait_until
 
 BOUND_S = (signals.TRIES + 1) * signals.PATIENCE_S + signals.CONCLUDE_S
 
@@ -79,10 +78,7 @@ def test_masters_and_slaves_whose_user_code_hangs_end_with_a_report(start, serve
     for server in servers.values():
         server.wait_for("joined")
     hanging = [server for kind, server in servers.items() if kind != "ClosesNever"] + masters
-    deadline = time.monotonic() + PATIENCE_S
-    while not all((tmp_path / f"own.py.{process.process.pid}").exists() for process in hanging):
-        assert time.monotonic() < deadline
-        time.sleep(0.01)
+    wait_until(lambda: all((tmp_path / f"own.py.{process.process.pid}").exists() for process in hanging))
     for kind, (number, _) in KINDS.items():
         servers[kind].process.send_signal(number)
     for master in masters:

@@ -13,6 +13,7 @@ import pytest
 
 from hapticnet.recordings.text import read_csv
 from tests.cli.test_cli_errors import REFUSED, THE_ERROR, UNAVAILABLE
+from tests.ready import children_of, is_running, wait_until
 
 ROOT = Path(__file__).parents[2]
 
@@ -179,12 +180,8 @@ def test_a_demo_that_is_ended_ends_its_processes_first(tmp_path):
     command = [sys.executable, "-m", "hapticnet", "demo", "--out-dir", str(tmp_path)]
     with subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True, cwd=ROOT) as demo:
         next(line for line in demo.stderr if "condition 1" in line)
-        children: list[str] = []
-        deadline = time.monotonic() + 20.0
-        while len(children) < 2 and time.monotonic() < deadline:
-            time.sleep(0.02)
-            children = Path(f"/proc/{demo.pid}/task/{demo.pid}/children").read_text().split()
-        assert len(children) == 2
+        wait_until(lambda: len(children_of(demo.pid)) == 2)
+        children = children_of(demo.pid)
         demo.terminate()
         demo.communicate(timeout=20)
     assert demo.returncode == 128 + signal.SIGTERM
@@ -200,18 +197,7 @@ def test_a_child_ends_when_its_parent_is_killed():
     )
     with subprocess.Popen([sys.executable, "-c", script], stdout=subprocess.PIPE, cwd=ROOT, text=True) as parent:
         assert parent.stdout is not None
-        child = Path("/proc", parent.stdout.readline().strip(), "stat")
-        assert runs(child)
+        child = int(parent.stdout.readline())
+        assert is_running(child)
         parent.kill()
-    deadline = time.monotonic() + 20.0
-    while runs(child):
-        assert time.monotonic() < deadline
-        time.sleep(0.05)
-
-
-def runs(stat: Path) -> bool:
-    """Tell whether a process runs; one that has ended may still wait for somebody to ask how."""
-    try:
-        return stat.read_text().rpartition(")")[2].split()[0] != "Z"
-    except OSError:
-        return False
+    wait_until(lambda: not is_running(child))

@@ -12,17 +12,11 @@ from hapticnet.recordings.session.reading import read_session
 from hapticnet.recordings.session.sink import UNFINISHED
 from hapticnet.recordings.text import read_csv
 from tests.cli.test_cli_errors import THE_ERROR
+from tests.ready import wait_until
 
 PATIENCE_S = 20.0
 MOST_LOST_US = 1_000_000
 """The bound is 0.3 s; on a machine that is busy with other tests, timers are late."""
-
-
-def wait_until(what) -> None:
-    deadline = time.monotonic() + PATIENCE_S
-    while not what():
-        assert time.monotonic() < deadline
-        time.sleep(0.02)
 
 
 def test_both_sides_record_and_their_files_join(start, serve, tmp_path):

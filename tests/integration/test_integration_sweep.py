@@ -1,9 +1,7 @@
 """A sweep as a process of its own: interrupted, then killed with its workers, then finished."""
 
 import json
-import os
 import signal
-import time
 
 from pyarrow import parquet
 
@@ -11,6 +9,7 @@ from hapticnet.sweep.runs import Shard, rows_of
 from hapticnet.sweep.store import SHARDS
 from hapticnet.sweep.study import read_study
 from hapticnet.sweep.tasks import plan_of
+from tests.ready import children_of, is_running, wait_until
 
 STUDY = """
 name = "interrupted"
@@ -24,27 +23,6 @@ multiplier = [1, 2, 4]
 loss = [0, "5%"]
 """
 PATIENCE_S = 60.0
-
-
-def wait_until(condition):
-    deadline = time.monotonic() + PATIENCE_S
-    while not condition():
-        assert time.monotonic() < deadline, "it takes too long"
-        time.sleep(0.01)
-
-
-def children(pid):
-    with open(f"/proc/{pid}/task/{pid}/children") as file:
-        return [int(each) for each in file.read().split()]
-
-
-def is_running(pid):
-    try:
-        os.kill(pid, 0)
-    except ProcessLookupError:
-        return False
-    with open(f"/proc/{pid}/stat") as file:
-        return file.read().rpartition(")")[2].split()[0] != "Z"
 
 
 def test_an_interrupted_and_a_killed_sweep_go_on_where_they_were(start, tmp_path):
@@ -66,7 +44,7 @@ def test_an_interrupted_and_a_killed_sweep_go_on_where_they_were(start, tmp_path
 
     second = start(*command)
     wait_until(grows)
-    workers = children(second.process.pid)
+    workers = children_of(second.process.pid)
     assert len(workers) >= 2
     assert second.end(signal.SIGKILL) == -signal.SIGKILL
     wait_until(lambda: not any(map(is_running, workers)))

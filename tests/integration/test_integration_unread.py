@@ -7,13 +7,12 @@ import pty
 import signal
 import socket
 import termios
-import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
 
-from tests.ready import Started
+from tests.ready import Started, wait_until
 
 PATIENCE_S = 20.0
 
@@ -97,19 +96,14 @@ def test_a_master_whose_stderr_nobody_reads_plays_to_its_end(run, address, full_
 def test_a_process_none_of_whose_output_is_read_ends_on_one_sigint(run, full_pipe, tmp_path):
     report = tmp_path / "report.json"
     process = run("slave", "--listen", "127.0.0.1:0", "--report", report, stdout=full_pipe, stderr=full_pipe)
-    wait_until_it_handles_signals(process.pid)
+    wait_until(lambda: handles_signals(process.pid))  # nothing that it says can be read
     process.send_signal(signal.SIGINT)
     assert process.wait(PATIENCE_S) == 3, "the report on stdout is incomplete"
     assert json.loads(report.read_text())["provenance"]
 
 
-def wait_until_it_handles_signals(number: int) -> None:
-    """Wait for a handler of SIGTERM, which Python itself does not have; nothing that the process says can be read."""
-    deadline = time.monotonic() + PATIENCE_S
-    while time.monotonic() < deadline:
-        status = Path(f"/proc/{number}/status").read_text()
-        caught = int(next(line.split()[1] for line in status.splitlines() if line.startswith("SigCgt")), 16)
-        if caught >> (signal.SIGTERM - 1) & 1:
-            return
-        time.sleep(0.02)
-    pytest.fail("the process does not handle SIGTERM")
+def handles_signals(number: int) -> bool:
+    """Tell whether a process has a handler of SIGTERM, which Python itself does not have."""
+    status = Path(f"/proc/{number}/status").read_text()
+    caught = int(next(line.split()[1] for line in status.splitlines() if line.startswith("SigCgt")), 16)
+    return bool(caught >> (signal.SIGTERM - 1) & 1)

@@ -4,12 +4,12 @@ import os
 import signal
 import subprocess
 import sys
-import time
 from pathlib import Path
 
 import pytest
 
 from hapticnet.runtime.processes import PIPE_BYTES, SideProcess
+from tests.ready import wait_until
 
 PATIENCE_S = 20.0
 
@@ -37,20 +37,12 @@ def start(tmp_path, monkeypatch):
     def make(program: str) -> SideProcess:
         (tmp_path / "program.py").write_text(program)
         started.append(SideProcess("program"))
-        assert wait_for(started[-1].said) == [b"here"]
+        assert wait_until(started[-1].said) == [b"here"]
         return started[-1]
 
     yield make
     for process in started:
         process.close()
-
-
-def wait_for(what):
-    until_s = time.monotonic() + PATIENCE_S
-    while not (found := what()):
-        assert time.monotonic() < until_s
-        time.sleep(0.001)
-    return found
 
 
 def test_what_is_put_reaches_the_process_which_ends_when_its_input_ends(start):
@@ -76,7 +68,7 @@ def test_a_process_that_does_not_read_keeps_nobody_waiting_and_is_killed_in_the_
 def test_nothing_waits_for_a_process_that_has_ended(start):
     process = start(SLEEP)
     os.kill(process.pid, signal.SIGKILL)
-    assert wait_for(lambda: process.exit_code) == -signal.SIGKILL
+    assert wait_until(lambda: process.exit_code) == -signal.SIGKILL
     process.put(b"lost")
     process.pump()
     assert process.waiting_bytes == 0
@@ -96,4 +88,4 @@ def test_it_ends_when_the_node_is_killed(tmp_path):
         assert node.stdout is not None
         assert node.stdout.readline() == b"here\n"
         node.kill()
-    wait_for((tmp_path / "ended").exists)
+    wait_until((tmp_path / "ended").exists)

@@ -4,7 +4,6 @@ import contextlib
 import os
 import signal
 import sys
-import time
 from pathlib import Path
 
 import numpy as np
@@ -18,6 +17,7 @@ from hapticnet.recordings.session.session import Table
 from hapticnet.recordings.session.sink import UNFINISHED
 from hapticnet.runtime import recorder as recorder_module
 from hapticnet.runtime.recorder import Recorder
+from tests.ready import wait_until
 
 COLUMNS = ("t_us", "position_m", "force_n")
 PATIENCE_S = 20.0
@@ -51,15 +51,8 @@ def add(recorder: Recorder, number: int, count: int, first: int = 0) -> None:
     recorder.rows(number, 0, recording.take())
 
 
-def wait_for(what) -> None:
-    deadline = time.monotonic() + PATIENCE_S
-    while not what():
-        assert time.monotonic() < deadline
-        time.sleep(0.001)
-
-
 def pump_until(recorder: Recorder, what) -> None:
-    wait_for(lambda: recorder.pump() or what())
+    wait_until(lambda: recorder.pump() or what())
 
 
 def times(path: Path) -> np.ndarray:
@@ -164,7 +157,7 @@ def test_a_run_does_not_wait_for_ever_for_a_disk_that_does_not_answer(tmp_path, 
     recorder.finish()
     assert said == [f"recording stops: the disk is slow; process {recorder.process.pid} goes on writing"]
     os.kill(recorder.process.pid, signal.SIGCONT)
-    wait_for((tmp_path / "a.csv").exists)
+    wait_until((tmp_path / "a.csv").exists)
 
 
 def test_a_folder_that_is_gone_ends_the_recording_only(tmp_path, recorder, said):
