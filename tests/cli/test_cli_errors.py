@@ -77,7 +77,7 @@ def files(tmp_path):
         ("two.csv", ("which column?", "t_s, fx, fy")),
         ("timeless.csv", ("--sampling-rate",)),
         ("gap.csv", ("line 3", "no number", "--missing drop")),
-        ("picture.csv", ("a binary file of an unknown kind", ".parquet can be read")),
+        ("picture.csv", ("a PNG picture", ".parquet can be read")),
         ("backwards.csv", ("time runs backwards",)),
         ("/dev/zero", ("is a character device",)),
         ("empty.csv", ("the file has no data",)),
