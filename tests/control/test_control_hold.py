@@ -1,12 +1,24 @@
 import itertools
 import math
 
+import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hapticnet.control.hold import LONGEST_STEP_US, SLEW_N_PER_S, Hold, HoldSettings, LimitSettings
+from hapticnet.control.hold import (
+    LONGEST_STEP_US,
+    PAUSE_US,
+    SLEW_N_PER_S,
+    ForceLimiter,
+    Hold,
+    HoldSettings,
+    LimitSettings,
+    PassivityController,
+)
 from hapticnet.errors import SampleError, SettingsError
+from hapticnet.measure.energy import energy_report
+from hapticnet.perception import WeberLaw
 
 SETTINGS = HoldSettings()
 LIMIT_US = SETTINGS.age_limit_us
@@ -265,3 +277,169 @@ def test_refuses_bad_axes(axes: int) -> None:
 def test_refuses_a_bad_rate_of_rise(rise_n_per_s: float) -> None:
     with pytest.raises(SettingsError, match="rise"):
         HoldSettings(rise_n_per_s=rise_n_per_s)
+
+
+LIMIT_SETTINGS = LimitSettings()
+LIMIT_STEP_N = LIMIT_SETTINGS.slew_n_per_s * LONGEST_STEP_US * 1e-6
+ANY_FORCE = st.floats(allow_nan=True, allow_infinity=True)
+
+
+@given(st.lists(st.tuples(ANY_FORCE, st.integers(-(10**6), 10**6)), max_size=60))
+def test_output_stays_within_clamp_and_slew_for_any_input(calls: list[tuple[float, int]]) -> None:
+    limiter = ForceLimiter(LIMIT_SETTINGS)
+    now_us, before_n = 0, 0.0
+    for force_n, elapsed_us in calls:
+        now_us += elapsed_us
+        limited_n = limiter.limit(force_n, now_us)
+        assert 0.0 <= limited_n <= LIMIT_SETTINGS.max_force_n
+        most_us = min(max(elapsed_us, 0), LONGEST_STEP_US)
+        assert limited_n - before_n <= LIMIT_SETTINGS.slew_n_per_s * most_us * 1e-6 + 1e-12
+        before_n = limited_n
+
+
+@given(st.lists(st.integers(1, 5_000), min_size=1, max_size=200))
+def test_a_rise_does_not_depend_on_the_ticks(elapsed_us: list[int]) -> None:
+    limiter = ForceLimiter(LIMIT_SETTINGS)
+    now_us = 1_000
+    limited_n = limiter.limit(99.0, now_us)
+    for step_us in elapsed_us:
+        now_us += step_us
+        limited_n = limiter.limit(99.0, now_us)
+    expected_n = min(LIMIT_SETTINGS.max_force_n, LIMIT_SETTINGS.slew_n_per_s * (now_us - 1_000) * 1e-6)
+    assert limited_n == pytest.approx(expected_n, rel=1e-12)
+
+
+def pressing(force_n: float) -> tuple[ForceLimiter, int]:
+    """Return a limiter whose target is `force_n`, and the time [µs]."""
+    limiter = ForceLimiter(LIMIT_SETTINGS)
+    now_us = 0
+    while limiter.limit(force_n, now_us) < force_n:
+        now_us += 1_000
+    return limiter, now_us
+
+
+@given(st.floats(0.0, 5.0))
+def test_passes_forces_within_the_limits(force_n: float) -> None:
+    limiter, now_us = pressing(force_n)
+    assert limiter.limit(force_n, now_us + 1_000) == force_n
+
+
+def test_a_fall_is_not_delayed() -> None:
+    limiter, now_us = pressing(5.0)
+    assert limiter.limit(1.0, now_us + 1) == 1.0
+
+
+@pytest.mark.parametrize("stalled_us", [LONGEST_STEP_US + 1, 50_000, PAUSE_US - 1])
+def test_a_stalled_tick_lets_the_force_rise_by_one_step_only(stalled_us: int) -> None:
+    limiter, now_us = pressing(1.0)
+    now_us += stalled_us
+    assert limiter.limit(5.0, now_us) == pytest.approx(1.0 + LIMIT_STEP_N)
+    assert limiter.limit(5.0, now_us + 1_000) == pytest.approx(1.0 + LIMIT_STEP_N + 0.05)
+
+
+@pytest.mark.parametrize("paused_us", [PAUSE_US, 10_000_000, 10**15])
+def test_after_a_pause_the_force_rises_from_zero(paused_us: int) -> None:
+    limiter, now_us = pressing(3.0)
+    now_us += paused_us
+    assert limiter.limit(3.0, now_us) == 0.0
+    assert limiter.limit(3.0, now_us + 1_000) == pytest.approx(0.05)
+
+
+@pytest.mark.parametrize("force_n", [math.nan, math.inf, -math.inf, -1e300, -5e-324, -0.0])
+def test_an_invalid_force_sets_the_target_to_zero(force_n: float) -> None:
+    limiter, now_us = pressing(5.0)
+    assert limiter.limit(force_n, now_us + 1) == 0.0
+
+
+def test_the_target_does_not_rise_at_repeated_or_earlier_times() -> None:
+    limiter = ForceLimiter(LIMIT_SETTINGS)
+    limiter.limit(5.0, 10**12)
+    assert limiter.limit(5.0, 10**12) == 0.0
+    assert limiter.limit(5.0, 0) == 0.0
+    assert limiter.limit(5.0, 1_000) == pytest.approx(0.05)
+
+
+@pytest.mark.parametrize("value", [0.0, -1.0, math.nan, math.inf])
+@pytest.mark.parametrize("name", ["max_force_n", "slew_n_per_s"])
+def test_refuses_bad_limits(name: str, value: float) -> None:
+    with pytest.raises(SettingsError, match="must be above 0"):
+        LimitSettings(**{name: value})
+
+
+def test_refuses_limits_above_those_of_the_device() -> None:
+    with pytest.raises(SettingsError, match=r"5\.5"):
+        LimitSettings(max_force_n=5.5)
+
+
+LAW = WeberLaw(weber_fraction=0.05, floor_n=0.025)
+
+
+def limited(forces, positions):
+    controller = PassivityController(forces.shape[1], LAW.floor_n)
+    applied = [
+        controller.limit(tuple(force), tuple(position))
+        for force, position in zip(forces.tolist(), positions.tolist(), strict=True)
+    ]
+    return np.array(applied), controller
+
+
+def presses(stiffness, delay, axes=1, speed_hz=1.0, samples=4000):
+    """Return the delayed force of a spring, and the hand's positions."""
+    depth = 0.01 * np.sin(2 * math.pi * speed_hz * 1e-3 * np.arange(samples))
+    position = depth[:, None] * np.array([1.0, -0.4, 0.2])[:axes]
+    force = stiffness * np.clip(position, 0.0, None)
+    return np.concatenate([np.zeros((delay, axes)), force[: samples - delay]]), position
+
+
+@pytest.mark.parametrize("axes", [1, 2, 3])
+@pytest.mark.parametrize("delay", [10, 50, 100])
+def test_a_delayed_spring_creates_hardly_any_energy(axes, delay):
+    force, position = presses(400.0, delay, axes)
+    applied, controller = limited(force, position)
+    before, after = (energy_report(LAW, force, each, position) for each in (force, applied))
+    assert before.active_share > 0.05
+    assert after.active_share < 0.1 * before.active_share
+    assert controller.damped_j > 0.0
+
+
+def test_a_true_spring_keeps_its_force_until_the_hand_has_nearly_left_it():
+    force, position = presses(400.0, 0)
+    applied, _ = limited(force, position)
+    assert np.abs(applied - force).max() < LAW.floor_n
+
+
+def test_what_takes_up_energy_is_left_alone():
+    """A breach: the force falls to zero while the hand pushes on. Then friction against the motion."""
+    position = np.concatenate([np.linspace(0.0, 0.02, 500), np.linspace(0.02, 0.0, 500)])[:, None]
+    force = np.where(position < 0.01, 300.0 * position, 0.0)
+    force[500:] = -0.3
+    applied, controller = limited(force, position)
+    assert np.array_equal(applied, force)
+    assert controller.damped_j == 0.0
+
+
+@given(st.integers(0, 10_000), st.integers(1, 3))
+def test_damping_is_finite_and_never_exceeds_the_force(seed, axes):
+    rng = np.random.default_rng(seed)
+    force = rng.normal(0.0, rng.choice([0.01, 1.0, 1e3]), (200, axes))
+    position = np.cumsum(rng.normal(0.0, rng.choice([0.0, 1e-12, 1e-4, 1.0]), (200, axes)), axis=0)
+    applied, _ = limited(force, position)
+    change = np.linalg.norm(applied - force, axis=1)
+    assert np.isfinite(applied).all()
+    assert (change <= np.linalg.norm(force, axis=1) * (1 + 1e-9)).all()
+
+
+def test_each_contact_has_an_account_of_its_own():
+    controller = PassivityController(1, LAW.floor_n)
+    for depth in (0.0, 0.001, 0.002):
+        controller.limit((1.0,), (depth,))
+    assert controller.energy_j > 0.0
+    for depth in (0.001, 0.0):
+        controller.limit((0.0,), (depth,))
+    assert controller.energy_j == 0.0
+
+
+def test_at_rest_nothing_changes():
+    controller = PassivityController(1, LAW.floor_n)
+    for _ in range(100):
+        assert controller.limit((2.0,), (0.01,)) == (2.0,)

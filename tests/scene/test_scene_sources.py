@@ -1,14 +1,31 @@
 """Where the scenes of a slave come from."""
 
+import dataclasses
 import gc
+import sys
+from pathlib import Path
+from subprocess import run
 
+import numpy as np
 import pytest
 
 from hapticnet.errors import FileError, SettingsError
-from hapticnet.samples import PositionSample
+from hapticnet.recordings.text import write_csv
+from hapticnet.samples import ForceSample, PositionSample
 from hapticnet.scene.base import UserScene
+from hapticnet.scene.recorded import RecordedScene
 from hapticnet.scene.scene import Scene
-from hapticnet.scene.sources import as_touchable, find_scene, find_source
+from hapticnet.scene.settings import BodySceneSettings, Plane, SceneSettings, Sphere, Tissue
+from hapticnet.scene.sources import (
+    RecordedSource,
+    as_touchable,
+    find_scene,
+    find_source,
+    make_scene,
+    paper_scene,
+    parse_scene,
+    scene_names,
+)
 
 RIG = """
 made = []
@@ -151,3 +168,258 @@ def test_objects_given_to_the_library():
         as_touchable(Wall)
     with pytest.raises(SettingsError, match=r"scene: has no method step\(sample\)"):
         as_touchable(3)
+
+
+def test_the_papers_scene_has_its_three_breach_forces_in_the_order_of_the_seed() -> None:
+    orders = {tuple(tissue.breach_force_n for tissue in paper_scene(seed).tissues) for seed in range(60)}
+    assert len(orders) == 6
+    assert {tuple(sorted(order)) for order in orders} == {(2.0, 3.5, 5.0)}
+    assert paper_scene(7) == paper_scene(7)
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_each_of_the_papers_tissues_breaches_at_half_the_distance_to_the_next(seed: int) -> None:
+    tissues = paper_scene(seed).tissues
+    assert [tissue.rest_position_m for tissue in tissues] == pytest.approx([0.02, 0.04, 0.06])
+    assert [tissue.breach_depth_m for tissue in tissues] == pytest.approx([0.01, 0.01, 0.01])
+
+
+def test_the_papers_tissues_have_no_other_properties() -> None:
+    assert not any(tissue.depends_on_time or tissue.shaft_friction_n for tissue in paper_scene(0).tissues)
+
+
+def test_a_scene_is_found_by_name_seed_or_path(tmp_path: Path) -> None:
+    assert find_scene("paper") == paper_scene(0)
+    assert find_scene("paper:12") == paper_scene(12)
+    path = tmp_path / "mine.toml"
+    path.write_text(
+        'name = "mine"\n[[tissue]]\nname = "a"\nrest_position_m = 0\nstiffness_n_per_m = 1\nbreach_force_n = 1\n'
+    )
+    assert find_scene(str(path)).name == "mine"
+
+
+@pytest.mark.parametrize("name", scene_names())
+def test_every_preset_makes_a_scene_of_its_name(name: str) -> None:
+    settings = find_scene(name)
+    assert settings.name == name
+    made = make_scene(settings)
+    assert made.name == name
+    assert made.step(PositionSample(0, (-1.0,) * made.axes)).force_n == (0.0,) * made.axes
+
+
+def test_the_scenes_of_the_documentation_can_be_read() -> None:
+    page = Path(__file__).parents[2] / "docs" / "use" / "scenes.md"
+    examples = [block.split("```")[0] for block in page.read_text(encoding="utf-8").split("```toml\n")[1:]]
+    assert [make_scene(parse_scene(example, "hill.toml")).axes for example in examples] == [1, 3]
+
+
+@pytest.mark.parametrize("spec", ["paper:", "paper:x", "paper:-1", "paper:1.5", "paper:" + "9" * 5000])
+def test_a_seed_that_is_not_a_whole_number_is_refused(spec: str) -> None:
+    with pytest.raises(SettingsError, match="seed"):
+        find_scene(spec)
+
+
+def test_a_negative_seed_is_refused() -> None:
+    with pytest.raises(SettingsError, match="-1"):
+        paper_scene(-1)
+
+
+def test_the_papers_scene_does_not_import_pydantic() -> None:
+    code = "import hapticnet.scene.sources as p, sys; p.find_scene('paper'); print('pydantic' in sys.modules)"
+    assert run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout == "False\n"
+
+
+T_US = np.array([5000, 6000, 8000])
+FORCE_N = np.array([[1.0, 0.0], [2.0, -1.0], [3.0, 0.5]])
+
+
+@pytest.mark.parametrize(
+    ("since_us", "force_n"),
+    [
+        (0, (1.0, 0.0)),
+        (999, (1.0, 0.0)),
+        (1000, (2.0, -1.0)),
+        (2999, (2.0, -1.0)),
+        (3000, (3.0, 0.5)),
+        (3001, (0.0, 0.0)),
+    ],
+)
+def test_the_force_passes_in_time_from_the_first_position_on(since_us, force_n):
+    scene = RecordedScene(T_US, FORCE_N, name="it")
+    assert scene.step(PositionSample(7_000_000, (0.0, 0.0))) == ForceSample(7_000_000, (1.0, 0.0))
+    assert scene.step(PositionSample(7_000_000 + since_us, (0.1, 0.2))) == ForceSample(7_000_000 + since_us, force_n)
+
+
+def test_each_master_feels_it_from_the_beginning(tmp_path):
+    write_csv(tmp_path / "a.csv", {"t_us": T_US, "force_n": FORCE_N[:, 0]})
+    source = find_source(f"recording:{tmp_path}/a.csv")
+    source.prepare()
+    first, second = source.make(), source.make()
+    first.step(PositionSample(0, (0.0,)))
+    assert first.step(PositionSample(1000, (0.0,))).force_n == (2.0,)
+    assert second.step(PositionSample(1000, (0.0,))).force_n == (1.0,)
+    assert (source.name, first.name, first.axes) == ("recording:a.csv", "recording:a.csv", 1)
+
+
+def test_columns_can_be_chosen_and_a_name_may_have_a_colon(tmp_path):
+    write_csv(tmp_path / "a:b.csv", {"t_us": T_US, "fx": FORCE_N[:, 0], "fy": FORCE_N[:, 1]})
+    scene = find_source(f"recording:{tmp_path}/a:b.csv:fy").make()
+    assert scene.step(PositionSample(0, (0.0,))).force_n == (0.0,)
+    with pytest.raises(FileError, match="which column"):
+        find_source(f"recording:{tmp_path}/a:b.csv")
+
+
+def test_a_force_out_of_range_is_refused(tmp_path):
+    write_csv(tmp_path / "a.csv", {"t_us": [0, 1], "force_n": [1e16, 0.0]})
+    with pytest.raises(FileError, match=r"sample 0 is 1e\+16 N"):
+        RecordedSource(tmp_path / "a.csv")
+
+
+SCENE = """\
+name = "two"
+
+[[tissue]]
+name = "back"
+rest_position_m = 0.04
+stiffness_n_per_m = 350
+breach_force_n = 3.5
+viscosity_n_s_per_m = 1.0
+shaft_friction_n = 0.2
+shaft_presliding_m = 0.001
+stiffening_per_m = 50.0
+recovery_time_s = 0.5
+
+[[tissue]]
+name = "front"
+rest_position_m = 0.02
+stiffness_n_per_m = 200.0
+breach_force_n = 2.0
+"""
+
+
+def test_a_file_describes_tissues_by_their_attributes() -> None:
+    front = Tissue(name="front", rest_position_m=0.02, stiffness_n_per_m=200.0, breach_force_n=2.0)
+    back = Tissue(
+        name="back",
+        rest_position_m=0.04,
+        stiffness_n_per_m=350.0,
+        breach_force_n=3.5,
+        viscosity_n_s_per_m=1.0,
+        shaft_friction_n=0.2,
+        shaft_presliding_m=0.001,
+        stiffening_per_m=50.0,
+        recovery_time_s=0.5,
+    )
+    assert parse_scene(SCENE, "two.toml") == SceneSettings(name="two", tissues=(front, back))
+
+
+def test_every_attribute_of_a_tissue_is_a_key() -> None:
+    assert all(f"\n{field.name} = " in SCENE for field in dataclasses.fields(Tissue))
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        (
+            'name = "two"\n',
+            'name = "two"\nspeed = 1\n',
+            r"unknown key 'speed' .*the keys are name, tissue, plane, sphere",
+        ),
+        ("shaft_friction_n", "friction_n", r"tissue 1: unknown key 'friction_n' .*; the keys are .*shaft_friction_n"),
+        ("breach_force_n = 2.0\n", "", r"tissue 2: breach_force_n is missing"),
+        ('name = "two"\n', "", r"name is missing"),
+        ("= 350", '= "350"', r"tissue 1: stiffness_n_per_m is '350'"),
+        ("= 350", "= true", r"tissue 1: stiffness_n_per_m is True"),
+        ("= 350", "= nan", r"tissue 'back': stiffness_n_per_m is nan"),
+        ("= 350", "= -inf", r"tissue 'back': stiffness_n_per_m is -inf"),
+        ("= 350", "= 1e300", r"tissue 'back': stiffness_n_per_m is 1e\+300"),
+        ("= 350", "= 1" + "0" * 400, r"tissue 1: stiffness_n_per_m is 10+\.\.\.0+; "),
+        ("= 0.04", "= 0.02", r"tissues 'back' and 'front' both rest at 0.02 m"),
+        (SCENE, 'name = "none"\ntissue = []', r"the scene has no tissue"),
+        (SCENE, 'name = "odd"\ntissue = [3]', r"tissue 1: the table is 3"),
+        (SCENE, 'name = "odd"\ntissue = 3', r"tissue is 3"),
+    ],
+)
+def test_a_mistake_is_reported_in_one_line_with_file_and_key(old: str, new: str, message: str) -> None:
+    assert old in SCENE
+    with pytest.raises(SettingsError, match=r"^two\.toml: " + message) as caught:
+        parse_scene(SCENE.replace(old, new, 1), "two.toml")
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ('name = "a"\n[[tissue]\n', r"line 2, column \d+"),
+        ('name = "a"\nother =', r"line 2, column 8"),
+        ('name = "a"\nname = "b"\n', r"line 2, column"),
+        ("a = " + "1" * 5000, r"digits"),
+        ("a = " + "[" * 5000, r"recursion"),
+    ],
+)
+def test_malformed_toml_is_refused_with_line_and_column(text: str, message: str) -> None:
+    with pytest.raises(FileError, match=r"^bad\.toml: not a TOML file: .*" + message):
+        parse_scene(text, "bad.toml")
+
+
+BODIES = """
+name = "hill"
+[[plane]]
+name = "ground"
+point_m = [0, 0.01]
+inward = [3.0, 4.0]
+stiffness_n_per_m = 200
+friction = 0.2
+[[sphere]]
+name = "ball"
+centre_m = [0.01, 0.0]
+radius_m = 0.005
+stiffness_n_per_m = 300
+"""
+
+
+def test_planes_and_spheres_are_read_with_their_vectors() -> None:
+    hill = parse_scene(BODIES, "hill.toml")
+    assert isinstance(hill, BodySceneSettings)
+    ground, ball = hill.bodies
+    assert isinstance(ground, Plane)
+    assert (ground.point_m, ground.inward, ground.friction) == ((0.0, 0.01), (0.6, 0.8), 0.2)
+    assert isinstance(ball, Sphere)
+    assert (ball.centre_m, ball.radius_m, hill.axes) == ((0.01, 0.0), 0.005, 2)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ("friction = 0.2", "friktion = 0.2", r"plane 1: unknown key 'friktion' \(did you mean 'friction'"),
+        ("[0, 0.01]", "[0.01]", r"body 'ground': point_m is \[0.01\]; it must be 2 or 3 numbers"),
+        ("[0, 0.01]", "0.01", r"plane 1: point_m is 0.01; it must be a list"),
+        ("[0.01, 0.0]", "[0.01, 0.0, 0.0]", r"body 'ground' has 2 axes and body 'ball' 3"),
+        ("radius_m = 0.005", "radius_m = -1", r"body 'ball': radius_m is -1"),
+        ("[[sphere]]", "[[tissue]]", r"tissue 1: unknown key"),
+    ],
+)
+def test_a_mistake_in_a_body_is_reported_in_one_line(old: str, new: str, message: str) -> None:
+    assert old in BODIES
+    with pytest.raises(SettingsError, match=r"^hill\.toml: " + message):
+        parse_scene(BODIES.replace(old, new, 1), "hill.toml")
+
+
+def test_tissues_and_bodies_in_one_scene_are_refused() -> None:
+    with pytest.raises(SettingsError, match="2 tissues and 1 bodies"):
+        parse_scene(SCENE + BODIES[BODIES.index("[[sphere]]") :], "both.toml")
+
+
+@pytest.mark.parametrize("content", [None, b'name = "\xff"'])
+def test_a_file_that_cannot_be_read_is_named(tmp_path: Path, content: bytes | None) -> None:
+    path = tmp_path / "odd.toml"
+    if content is not None:
+        path.write_bytes(content)
+    with pytest.raises(FileError, match=r"odd\.toml: "):
+        find_scene(str(path))
+
+
+def test_a_directory_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "folder.toml").mkdir()
+    with pytest.raises(FileError, match="directory"):
+        find_scene(f"{tmp_path}/folder.toml")
