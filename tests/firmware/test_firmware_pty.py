@@ -29,8 +29,7 @@ from hapticnet.device.messages import (
 )
 from hapticnet.device.simulated import PlantSettings
 from hapticnet.errors import FileError
-from hapticnet.runtime.nano import BUILD_VARIABLE, Board
-from hapticnet.runtime.nano_pty import MOST_CATCH_UP_US, NanoPty
+from hapticnet.runtime.nano import BUILD_VARIABLE, MOST_CATCH_UP_US, Board, NanoPty
 
 ROOT = Path(__file__).parents[2]
 COMMAND = ["-m", "hapticnet", "device", "sim"]

@@ -157,8 +157,7 @@ def sim(
 
     from hapticnet.cli.console import Console
     from hapticnet.device.simulated import Finger, PlantSettings
-    from hapticnet.runtime.nano import Board
-    from hapticnet.runtime.nano_pty import NanoPty, run_nano_pty
+    from hapticnet.runtime.nano import Board, NanoPty, run_nano_pty
     from hapticnet.runtime.system import run
 
     settings = PlantSettings(finger=Finger(stiffness_n_m=1000.0 * stiffness))
