@@ -67,7 +67,7 @@ def fill_figure(figure: Any, signal: Signal, *, window_s: tuple[float, float], t
     force, sent, error = figure.subplots(3, 1, sharex=True, height_ratios=HEIGHTS)
     draw_force(force, signal, window_s)
     legend_above(force)
-    figure.suptitle(title + told_extract(signal, window_s), fontsize=9)
+    figure.suptitle(title + describe_extract(signal, window_s), fontsize=9)
     share = draw_sent(sent, signal, window_s)
     sent.set_title(share, loc="left", color=BLUE)
     shown = _shown(signal, window_s)
@@ -85,7 +85,7 @@ def fill_figure(figure: Any, signal: Signal, *, window_s: tuple[float, float], t
     error.set_xlim(window_s)
 
 
-def told_extract(signal: Signal, window_s: tuple[float, float]) -> str:
+def describe_extract(signal: Signal, window_s: tuple[float, float]) -> str:
     """Return the words for a title that say which stretch of a signal is shown; "" if it is all of it."""
     start_s, end_s = float(signal.t_s[0]), float(signal.t_s[-1])
     if window_s[0] <= start_s and window_s[1] >= end_s:
@@ -160,7 +160,7 @@ def draw_run(slave: Columns, master: Columns, file: Path, *, codec: str) -> None
             ticks.set_xlabel("time [s]")
             ticks.set_xlim(window_s)
             if axes is force:
-                title = f"{codec}: first insertion{told_extract(signal, window_s)}\n{share}"
+                title = f"{codec}: first insertion{describe_extract(signal, window_s)}\n{share}"
                 figure.suptitle(title, color=BLUE, fontweight="bold")
         force.axvspan(*near_s, color=ORANGE, alpha=0.2, linewidth=0)
         legend(figure, force)
