@@ -20,11 +20,8 @@ OTHER_VARIABLES: Final = {CONFIG_VARIABLE, "HAPTICNET_TRACEBACK", "HAPTICNET_FIR
 
 FOUND: Final = "hapticnet.found"  # where a context keeps what file and environment set
 DEFAULT: Final = "default"  # the source of a value that nobody set
-SETTINGS: Final = {"allow_interspersed_args": False, "ignore_unknown_options": True}
-"""Leaves what follows the verb to the verb."""
-
+SETTINGS: Final = {"allow_interspersed_args": False, "ignore_unknown_options": True}  # leave the rest to the verb
 UNSETTABLE: Final = {"help", "config"}  # options that are given on the command line only
-
 FLAGS: Final = {  # what the environment may set a flag to
     **dict.fromkeys(("1", "true", "yes", "on"), True),
     **dict.fromkeys(("0", "false", "no", "off"), False),

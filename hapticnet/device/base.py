@@ -13,9 +13,7 @@ class Reading(NamedTuple):
     t_us: int  # time [µs] of the reading, on the master's clock
     adc: float  # output of the converter [counts]; averages may have a fraction
     force_n: float  # calibrated force [N]; 0 below the sensor's threshold
-    displacement_m: float
-    """Estimated position [m above retracted] of the platform, from the pulses its servos took. The estimate includes
-    their lag but not their backlash."""
+    displacement_m: float  # estimate [m above retracted] from the pulses that the servos took, without backlash
 
 
 class Device(Protocol):

@@ -20,11 +20,8 @@ MOST_KNOTS: Final = 8  # follows a sensor with conductance linear in force withi
 FULL_SCALE_COUNTS: Final = 1023.0  # of the ATmega328P's 10-bit converter; means within one of it were saturated in part
 LARGEST_FORCE_N: Final = 100.0  # of a pair [N]: five times the range of the FSR 400 series (data sheet); catches grams
 FLATTEST_SLOPE: Final = 0.01
-"""Smallest slope of a fitted table, as a fraction of its mean slope.
-
-A force loop gets no signal where the table is flat. A sensor linear in conductance is nowhere flatter than 5 % of its
-mean slope up to 20 N, so this limit affects only noise.
-"""
+"""Smallest slope of a fitted table, as a fraction of its mean slope: a flat table gives a force loop no signal.
+A sensor linear in conductance is nowhere flatter than 5 % up to 20 N, so this limit affects only noise."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -77,8 +74,7 @@ class Fit:
     """A fitted calibration and its errors."""
 
     calibration: Calibration  # the fitted table
-    # Force of the table at each pair's counts less the pair's force [N], in the given order; None where the converter
-    # was saturated
+    # Force of the table at each pair's counts less the pair's force [N]; None where the converter was saturated
     residuals_n: tuple[float | None, ...]
     rms_n: float  # root mean square and largest magnitude [N] of the residuals
     max_n: float

@@ -19,8 +19,7 @@ class Flag:
     """Bits of `SensorReading.flags`."""
 
     GREETED: Final = 1  # a HELLO of this protocol was received since the reset; setpoints are accepted
-    RETRACTED: Final = 2
-    """No setpoint is in force, because none was received yet or the host is silent. The servos are retracted."""
+    RETRACTED: Final = 2  # no setpoint is in force: none was received yet, or the host is silent; servos are retracted
     STEP_LIMITED: Final = 4  # at the last servo frame, the step limit kept a servo from reaching its setpoint
 
 
@@ -154,8 +153,7 @@ def check_version(identity: Identity) -> None:
 
 
 LONGEST_BODY: Final = 48  # longest message [bytes], including its kind; the size of the firmware's buffers
-LONGEST_FRAME: Final = LONGEST_BODY + 3
-"""Longest frame [bytes] without its delimiter: adds 2 bytes of CRC and 1 byte of COBS."""
+LONGEST_FRAME: Final = LONGEST_BODY + 3  # without its delimiter: adds 2 bytes of CRC and 1 byte of COBS
 
 _CRC_START: Final = 0xFFFF
 
@@ -191,9 +189,7 @@ class Deframer:
 
     def __init__(self) -> None:
         self.received = 0  # number of messages with a correct CRC
-        # Number of frames dropped because their COBS, CRC or length was wrong, including an incomplete frame before the
-        # first delimiter
-        self.damaged = 0
+        self.damaged = 0  # frames whose COBS, CRC or length was wrong, or that were incomplete at the start
         self._partial = b""
         self._oversize = False
 

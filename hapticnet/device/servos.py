@@ -10,26 +10,19 @@ from hapticnet.hardware import SERVO_DEADBAND_US, SERVO_FRAME_US, SERVO_LAG_S
 
 Pulses: TypeAlias = tuple[float, float, float]
 ROUNDING: Final = 0.53
-"""Smallest error of the mean, as a share of a deadband, at which one servo moves by a whole deadband.
-
-At one half the mean would be nearest to its goal, but noise alone would make the servo oscillate.
-"""
+"""Smallest error of the mean, as a share of a deadband, at which one servo moves by a whole deadband: at one half the
+mean would be nearest to its goal, but noise alone would make the servo oscillate."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Linkage:
-    """Geometry and pulses of the servos.
-
-    Raises SettingsError if a value is not finite or the pulses are not in order.
-    """
+    """Geometry and pulses of the servos; SettingsError if a value is not finite or the pulses are not in order."""
 
     arm_m: float = 0.012  # length of a servo's arm [m]; 12 mm in the paper's device
     us_per_degree: float = 10.0  # pulse [µs] per degree of rotation; typical of the HS-55 (600 to 2400 µs over 180°)
     level_us: float = 1500.0  # pulse [µs] at which the arms are perpendicular to the motion of the platform
-    retracted_us: float = 1200.0
-    """Pulse [µs] at displacement 0. An assumption: 30° below level leaves room to insert a finger."""
-    extended_us: float = 2000.0
-    """Pulse [µs] at full travel. An assumption: any hobby servo reaches 50° above level safely."""
+    retracted_us: float = 1200.0  # pulse [µs] at displacement 0; assumed: 30° below level leaves room for a finger
+    extended_us: float = 2000.0  # pulse [µs] at full travel; assumed: any hobby servo reaches 50° above level
     timer_step_us: float = 0.5  # resolution of a pulse [µs]: Timer1 of the ATmega328P at 16 MHz / 8
     deadband_us: float = SERVO_DEADBAND_US  # change of pulse [µs] below which a servo does not move
 
@@ -140,8 +133,7 @@ class Servos:
 
     Backlash is a play operator, as if friction held the arm. This is pessimistic, because a pressed finger loads the
     gears to one side. Without backlash, the model is the best estimate a host can make of an unobserved platform.
-
-    Attributes: `displacement_m`, mean height [m] of the three arms above retracted.
+    `displacement_m` is the mean height [m] of the three arms above retracted.
     """
 
     __slots__ = (

@@ -24,8 +24,7 @@ class Finger:
     """
 
     stiffness_n_m: float = STIFFNESS_N_M  # tangent stiffness [N/m] at 1 N
-    stiffening: float = STIFFENING
-    """Share of that stiffness which comes from the force (dimensionless, 0 to 0.9); 0 is a linear spring."""
+    stiffening: float = STIFFENING  # share of that stiffness from the force, 0 to 0.9; 0 is a linear spring
     contact_m: float = CONTACT_M  # platform displacement [m] at which it touches the finger
 
     def __post_init__(self) -> None:
@@ -98,10 +97,7 @@ class PlantSettings:
 
 
 class Plant:
-    """Three servos that press a fingertip, and the sensor between. The finger is a massless spring.
-
-    Attributes: `contact_force_n`, true force [N] between platform and finger.
-    """
+    """Three servos that press a fingertip, a massless spring, with `contact_force_n` [N], and the sensor between."""
 
     __slots__ = (
         "_finger", "_full_scale", "_loaded_n", "_mean_counts", "_noise", "_noise_at", "_now_us", "_rng", "_sensor",
@@ -136,10 +132,7 @@ class Plant:
         self._servos.take_one(index, pulse_us)
 
     def advance(self, now_us: float) -> None:
-        """Advance time to `now_us` [µs].
-
-        A repeated or earlier time advances nothing, and the clock continues from it.
-        """
+        """Advance time to `now_us` [µs]; a repeated or earlier one only sets the clock."""
         elapsed_us = now_us - self._now_us
         self._now_us = now_us
         if self._servos.move(elapsed_us):

@@ -68,8 +68,7 @@ class Setpoints:
         self._estimate = Servos(linkage, replace(servo, backlash_deg=0.0))
         retracted_us = linkage.retracted_us
         self._retracted_us: Pulses = (retracted_us, retracted_us, retracted_us)
-        # The pulses [µs] of the device's last reported frame
-        self.held_us = self._sent_us = self._planned_us = self._retracted_us
+        self.held_us = self._sent_us = self._planned_us = self._retracted_us  # held: in the last reported frame
         self._limits: list[tuple[int, int]] = []  # shortest and longest pulse of each servo [ticks]
         self._largest_step = 0  # [ticks]
         self._planned_for: tuple[float, Pulses] | None = None
@@ -175,8 +174,7 @@ class Setpoints:
 
 ASK_AGAIN_US: Final = 100_000  # time [µs] to wait for an answer to HELLO or STREAM before asking again
 PATIENCE_US: Final = 3_000_000
-"""Time [µs] to wait for an answer to HELLO. Opening the port resets a Nano, whose bootloader then discards input for
-one to two seconds, typically."""
+"""Time [µs] to wait for an answer to HELLO: the bootloader of a Nano discards input for 1 to 2 s, typically."""
 
 SILENCE_US: Final = 50_000  # time [µs] without a reading after which a streaming device counts as lost
 LONGEST_STEP_US: Final = 10_000  # largest contribution [µs] of one step to the silence: a stalled host receives nothing
@@ -222,10 +220,8 @@ class WiredDevice(Device):
         self.description = "device on a serial line"
         self.status = "the port is not open"
         self.identity: Identity | None = None  # answer to HELLO since the port was opened
-        # Reason why the device is not used, and the remedy; it is not tried again until the port is reopened
-        self.refusal: str | None = None
-        # Whether to close and reopen the port, which resets a Nano, because there is no answer
-        self.wants_reopening = False
+        self.refusal: str | None = None  # why the device is not used until the port is reopened, and the remedy
+        self.wants_reopening = False  # whether to close and reopen the port, which resets a Nano: there is no answer
         self.stream_period_ms = 0  # period of readings granted by the device [ms]; 0 before
         self._state = _State.ABSENT
         self._deframer = Deframer()

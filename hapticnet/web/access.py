@@ -21,7 +21,6 @@ class Access:
 
     host: str  # what a browser calls this server
     port: int
-    # The token of each view, drawn at random
     tokens: dict[View, str] = field(default_factory=lambda: new_tokens(VIEWS))
 
     def url(self, view: View) -> str:

@@ -12,9 +12,7 @@ from hapticnet.web.messages import View
 if TYPE_CHECKING:
     from hapticnet.web.messages import Hand
 
-LARGEST_BACKLOG: Final = 1 << 18
-"""Bytes waiting for a page above which binary messages are left out for it; a second of the watch view is 40 kB."""
-
+LARGEST_BACKLOG: Final = 1 << 18  # bytes waiting for a page above which messages are left out; 40 kB make a second
 LONGEST_QUEUE: Final = 256  # messages waiting for a page, above which it is disconnected
 PARTING_S: Final = 0.5  # longest time [s] that a page has to hear why it is disconnected
 MOST_MESSAGES_PER_S: Final = 600  # messages a second from one page, above which it is disconnected; a hand sends 250

@@ -23,9 +23,7 @@ from hapticnet.web.traffic import RecentMedian, TrafficMeter
 if TYPE_CHECKING:
     from hapticnet.web.client import Client
 
-NOT_READY_AFTER_US: Final = 1_000_000
-"""Time [µs] without a session after which pages are told so; a change of codec takes less."""
-
+NOT_READY_AFTER_US: Final = 1_000_000  # without a session, pages are told; a change of codec takes less
 FRAMES_PER_STATE: Final = messages.MESSAGES_PER_S // messages.STATES_PER_S
 
 
@@ -43,10 +41,7 @@ class PageSettings:
 
 
 class Page(Audience):
-    """The page of a master: its ticks, traffic, settings and events, and its hand.
-
-    A tick appends a row to a list. Everything else is done outside it.
-    """
+    """The page of a master: a tick appends a row to a list, and everything else is done outside it."""
 
     def __init__(self, node: MasterNode, controls: Controls, settings: PageSettings) -> None:
         super().__init__(settings.hand, settings.say)
