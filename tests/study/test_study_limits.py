@@ -38,30 +38,27 @@ def test_a_series_ascends_by_steps_that_are_shares_of_the_reference_until_differ
     assert procedure.by_reference() == {1.0: pytest.approx([0.07]), 2.0: pytest.approx([0.16])}
 
 
-def test_who_never_says_different_ends_each_series_at_the_largest_difference():
+@pytest.mark.parametrize(
+    ("pairs", "says_different", "asked_n", "found", "alarms"),
+    [
+        ((None,), False, [0.0, 0.1, 0.2, 0.3, 0.4], [None], (0, 0)),  # up to the largest difference
+        ((None, 5), True, [0.0, 0.0], [0.0], (1, 1)),
+        ((4,), False, [0.0] * 4, [], (0, 4)),  # a catch series is no threshold
+    ],
+)
+def test_answers_that_are_always_the_same_end_each_series_and_catch_series_count_alarms(
+    pairs, says_different, asked_n, found, alarms
+):
     plan = LimitsPlan(references_n=[1.0], step=0.1, start=0.0, largest=0.4)
-    procedure, asked = ascending(plan, [Series(reference_n=1.0, start=0.0)], lambda _: False)
-    assert max(question.difference_n for question in asked) <= 0.4 + 1e-12
-    assert procedure.thresholds == [None]
-    with pytest.raises(SettingsError, match="above the largest difference"):
-        fit(procedure.by_reference())
-
-
-def test_who_always_says_different_is_caught():
-    plan = LimitsPlan(references_n=[1.0], step=0.1, start=0.0)
-    series = [Series(reference_n=1.0, start=0.0), Series(reference_n=1.0, start=0.0, pairs=5)]
-    procedure, asked = ascending(plan, series, lambda _: True)
-    assert [question.catch for question in asked] == [False, True]
-    assert (procedure.false_alarms, procedure.catch_pairs) == (1, 1)
-    assert procedure.by_reference() == {1.0: [0.0]}
-
-
-def test_nothing_changes_in_a_catch_series_and_it_is_no_threshold():
-    plan = LimitsPlan(references_n=[1.0], step=0.1, start=0.0)
-    procedure, asked = ascending(plan, [Series(reference_n=1.0, start=0.0, pairs=4)], lambda _: False)
-    assert [question.forces_n for question in asked] == [(1.0, 1.0)] * 4
-    assert (procedure.false_alarms, procedure.catch_pairs) == (0, 4)
-    assert procedure.by_reference() == {1.0: []}
+    series = [Series(reference_n=1.0, start=0.0, pairs=each) for each in pairs]
+    procedure, asked = ascending(plan, series, lambda _: says_different)
+    assert [question.difference_n for question in asked] == pytest.approx(asked_n)
+    assert [question.catch for question in asked] == [pairs[question.series] is not None for question in asked]
+    assert (procedure.false_alarms, procedure.catch_pairs) == alarms
+    assert procedure.by_reference() == {1.0: found}
+    if found in ([None], []):
+        with pytest.raises(SettingsError, match="above the largest difference"):
+            fit(procedure.by_reference())
 
 
 @pytest.mark.parametrize("staircase", [UpDown, Bayesian])
