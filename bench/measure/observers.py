@@ -34,6 +34,9 @@ PAPER: Final = {0.0: 0.775, 1.0: 0.8, 2.0: 0.675, 4.0: 0.5375}
 THRESHOLDS: Final = (0.0, 1.0, 1.5, 2.0, 2.5, 3.0, 3.5, 4.0, 8.0)
 FIXED_STEPS_N: Final = (0.0, 0.4, 0.8)
 """Thresholds that are the same at every force; 0.4 and 0.8 N are 11 and 23 % of the middle breach force."""
+NEWTON: Final = JndPlan(weber_fraction=0.0, floor_n=1.0)
+LINEAR: Final = Plan(condition=[ConditionPlan(name="linear, 4 JND", codec="linear-predictive", multiplier=4.0)])
+"""A threshold of 4 JND that is never felt as steps: between updates a line is followed."""
 PUSHES_S: Final = (1.1, 0.7, 0.45)
 PEOPLE: Final = 8
 TRIALS: Final = 10
@@ -98,25 +101,13 @@ def _felt(condition: ConditionPlan, played: list[tuple[list[list[Look]], float]]
     return Felt(condition.name, condition.threshold, means, counts, float(np.mean([spent for _, spent in played])))
 
 
-def plan_of(thresholds: tuple[float, ...]) -> Plan:
-    """Return the paper's plan with other thresholds [JND]."""
+def plan_of(thresholds: tuple[float, ...], unit: str = "JND", jnd: JndPlan | None = None) -> Plan:
+    """Return the paper's plan with other thresholds, in JNDs or in a unit that `jnd` gives."""
     conditions = [
-        ConditionPlan(name=f"{each:g} JND", codec="deadband" if each else "raw", multiplier=each) for each in thresholds
+        ConditionPlan(name=f"{each:g} {unit}", codec="deadband" if each else "raw", multiplier=each)
+        for each in thresholds
     ]
-    return Plan(condition=conditions)
-
-
-def fixed_plan(steps_n: tuple[float, ...]) -> Plan:
-    """Return the paper's plan with thresholds in newton, the same at every force."""
-    conditions = [
-        ConditionPlan(name=f"{each:g} N", codec="deadband" if each else "raw", multiplier=each) for each in steps_n
-    ]
-    return Plan(condition=conditions, jnd=JndPlan(weber_fraction=0.0, floor_n=1.0))
-
-
-def linear_plan() -> Plan:
-    """Return a plan whose threshold of 4 JND is never felt as steps: between updates a line is followed."""
-    return Plan(condition=[ConditionPlan(name="linear, 4 JND", codec="linear-predictive", multiplier=4.0)])
+    return Plan(condition=conditions, jnd=jnd or JndPlan())
 
 
 def quick_hand(stimulus: Stimulus, push_s: float) -> Any:
@@ -219,8 +210,8 @@ def main() -> None:
         "felt": [felt_row(felt) for felt in library],
         "observers": measured(of_paper, {**cues, "force-only": OBSERVERS["force-only"]}, arguments.experiments),
         "mechanisms": measured(library, MECHANISMS, arguments.experiments),
-        "fixed_steps": measured(play(fixed_plan(FIXED_STEPS_N)), MECHANISMS, arguments.experiments),
-        "linear": measured(play(linear_plan()), MECHANISMS, arguments.experiments),
+        "fixed_steps": measured(play(plan_of(FIXED_STEPS_N, "N", NEWTON)), MECHANISMS, arguments.experiments),
+        "linear": measured(play(LINEAR), MECHANISMS, arguments.experiments),
         "pushes": [
             {"push_s": push_s, **row}
             for push_s in PUSHES_S
