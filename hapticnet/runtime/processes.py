@@ -14,7 +14,7 @@ from typing import Final
 
 from hapticnet.errors import UnavailableError
 
-SAFE_PATH: Final = "PYTHONSAFEPATH"  # Has the effect of -P: Python does not search the working folder for modules.
+SAFE_PATH: Final = "PYTHONSAFEPATH"  # has the effect of -P: Python does not search the working folder for modules
 
 
 def python_command(*arguments: str) -> list[str]:

@@ -70,8 +70,8 @@ class FoundPort:
     path: str  # path for a specification: its link in /dev/serial/by-id, if there is one
     name: str  # the device file
     description: str  # name reported by the USB device
-    serial_number: str | None  # Serial number of the USB device; None if it has none.
-    likely: str | None  # Why it may be an Arduino Nano; None if there is no indication.
+    serial_number: str | None  # serial number of the USB device; None if it has none
+    likely: str | None  # why it may be an Arduino Nano; None if there is no indication
 
 
 def parse_serial(text: str) -> SerialSpec:
@@ -122,7 +122,7 @@ class SerialPort:
     """A serial port on an event loop that carries a wired device. Call `flush` after each exchange with it."""
 
     def __init__(self, loop: asyncio.AbstractEventLoop, spec: SerialSpec, wired: WiredDevice) -> None:
-        self.failure: str | None = None  # Why the port could not be opened at the last attempt; None if it is open.
+        self.failure: str | None = None  # why the port could not be opened at the last attempt; None if it is open
         self.openings = 0  # number of times the port was opened
         self.unwritten = 0  # number of bytes the port did not accept; they are dropped in favour of newer ones
         self._loop = loop
