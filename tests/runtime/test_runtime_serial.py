@@ -4,6 +4,7 @@ import asyncio
 import contextlib
 import errno
 import os
+import signal
 import tty
 from collections.abc import Callable
 from types import SimpleNamespace
@@ -328,6 +329,15 @@ def test_auto_without_a_single_candidate_lists_the_choices(monkeypatch, tmp_path
         choose_port()
 
 
+@pytest.fixture
+def own_signals():
+    """Give this process the handlers back that a device that is run replaces."""
+    before = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
+    yield
+    for number, handler in before.items():
+        signal.signal(number, handler)
+
+
 def run_on_stand_in(tick, *, duration_s=None):
     async def scene():
         plugged = Plugged(StandIn())
@@ -341,6 +351,7 @@ def run_on_stand_in(tick, *, duration_s=None):
     return play(scene)
 
 
+@pytest.mark.usefixtures("own_signals")
 def test_a_device_is_run_until_its_tick_is_done():
     readings = []
 
@@ -353,10 +364,12 @@ def test_a_device_is_run_until_its_tick_is_done():
     assert all(reading is not None for reading in readings[:1])
 
 
+@pytest.mark.usefixtures("own_signals")
 def test_a_device_is_run_for_a_time():
     assert run_on_stand_in(lambda wired, now: wired.exchange(0.0, now) is not None and False, duration_s=0.1) is True
 
 
+@pytest.mark.usefixtures("own_signals")
 def test_an_exception_in_a_tick_ends_the_run():
     def tick(*_):
         raise SettingsError("no more")
