@@ -13,14 +13,14 @@ from typing import Any, Final
 
 import numpy as np
 import record
-from rate_distortion_signals import KINESTHETIC, made_signals, paper_signals, recorded_signals
+from rate_distortion_signals import KINESTHETIC, made_signals, recorded_signals
 
 from hapticnet.codec.base import Codec
 from hapticnet.codec.recording import encode_array
 from hapticnet.codec.registry import codec_parameters, every_codec, make_codec
 from hapticnet.experiment.comparison import REPAIR_US, compare
 from hapticnet.experiment.comparison import Row as ComparisonRow
-from hapticnet.experiment.trials import Trial
+from hapticnet.experiment.trials import Trial, paper_trial
 from hapticnet.measure.bound import fewest_holds
 from hapticnet.node.offline import cost_report
 from hapticnet.perception import WeberLaw
@@ -220,7 +220,7 @@ def measure(arguments: argparse.Namespace) -> Row:
     if quick:
         arguments.seeds, arguments.seconds = 1, 1.0
     signals = {
-        "scene": paper_signals(range(seed, seed + arguments.seeds), 1 if quick else 2),
+        "scene": [paper_trial(each, insertions=1 if quick else 2) for each in range(seed, seed + arguments.seeds)],
         "recorded": recorded_signals(arguments.recordings),
         "made": made_signals(seed, arguments.seconds),
     }

@@ -13,7 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from hapticnet.errors import SettingsError
-from hapticnet.experiment.trials import Trial, paper_trial
+from hapticnet.experiment.trials import Trial
 from hapticnet.recordings.loading import load_recording
 
 Array = npt.NDArray[np.float64]
@@ -23,11 +23,6 @@ RATE_HZ: Final = 1000.0
 SENSOR_NOISE_N: Final = 5e-3
 TREMOR_M: Final = 50e-6
 KINESTHETIC: Final = "stiff wall"
-
-
-def paper_signals(seeds: Sequence[int], insertions: int) -> list[Trial]:
-    """Return the paper's scene, played by the hand of each seed."""
-    return [paper_trial(seed, RATE_HZ, insertions=insertions) for seed in seeds]
 
 
 def made_signals(seed: int, seconds: float) -> list[Trial]:
@@ -52,13 +47,7 @@ def recorded_signals(arguments: Sequence[str]) -> list[Trial]:
 
 
 def recorded_signal(argument: str) -> Trial:
-    """Return a recording given as ``FILE[:FORCE[:POSITION[:SCALE]]]``; columns are separated by commas.
-
-    Raises
-    ------
-    FileError, SettingsError
-        If it cannot be read, or the columns do not fit together.
-    """
+    """Return a recording given as ``FILE[:FORCE[:POSITION[:SCALE]]]``; columns are separated by commas."""
     file, force, position, scale = (*argument.split(":"), "", "", "")[:4]
     path = Path(file)
     try:
