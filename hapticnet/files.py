@@ -21,7 +21,6 @@ from hapticnet.errors import FileError, HapticnetError, SettingsError
 
 MAX_BYTES: Final = 2 * 2**30  # default size limit of files that are read [B]: 2 GiB
 PART: Final = ".part"  # end of the name of a temporary file
-
 _SIZE: Final = re.compile(r"(\d{1,15}(?:\.\d{1,6})?)\s*([KMGT]?)(i?)B?", re.ASCII | re.IGNORECASE)
 _EXPECTED: Final = "expected a regular file"
 _NOT_REGULAR: Final = (

@@ -16,8 +16,7 @@ from hapticnet.protocol.wire import UDP_IPV4_HEADER_BYTES
 from hapticnet.samples import MAX_AXES
 from hapticnet.scene.settings import Tissue
 
-Columns = Mapping[str, FloatArray]
-"""A recording: columns by name, shape (n,) each; see `node.recording`."""
+Columns = Mapping[str, FloatArray]  # a recording: columns by name, shape (n,) each; see `node.recording`
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -26,8 +25,7 @@ class Condition:
 
     name: str
     codec: str
-    multiplier: float
-    """Threshold in JNDs."""
+    multiplier: float  # threshold in JNDs
     paper_correct: float
     """Fraction of trials in which the paper's subjects put the tissues in the right order of stiffness."""
     paper_byte_reduction: float | None = None
@@ -39,13 +37,12 @@ class Condition:
         return self.name.lower().replace(" ", "-")
 
 
-CONDITIONS: Final = (
+CONDITIONS: Final = (  # source: "Cutaneous haptic deadband compression". "none" transmits every sample
     Condition(name="none", codec="raw", multiplier=1.0, paper_correct=0.775, paper_byte_reduction=0.0),
     Condition(name="1 JND", codec="deadband", multiplier=1.0, paper_correct=0.80, paper_byte_reduction=0.617),
     Condition(name="2 JND", codec="deadband", multiplier=2.0, paper_correct=0.675),
     Condition(name="4 JND", codec="deadband", multiplier=4.0, paper_correct=0.5375),
 )
-"""Source: "Cutaneous haptic deadband compression". "none" transmits every sample."""
 
 
 def conditions_with(codec: str) -> tuple[Condition, ...]:
@@ -59,8 +56,7 @@ def conditions_with(codec: str) -> tuple[Condition, ...]:
 class BytesPerPenetration:
     """Feedback bytes from touching a tissue to breaching it, including keepalives and UDP and IPv4 headers."""
 
-    each: tuple[int, ...]
-    """Bytes of each penetration, in order of time."""
+    each: tuple[int, ...]  # bytes of each penetration, in order of time
     depths_m: tuple[float, ...]
     """Positions of the tip at the breaches [m], in the same order; on the first axis if there are several."""
 

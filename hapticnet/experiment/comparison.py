@@ -44,32 +44,25 @@ class Limits:
     On two and three axes these are lower bounds.
     """
 
-    holds: int
-    """With a zero-order hold."""
-    lines: int
-    """With straight lines."""
+    holds: int  # with a zero-order hold
+    lines: int  # with straight lines
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Row:
     """One codec with one law on one recording."""
 
-    trial: str
-    """Name of the recording."""
+    trial: str  # name of the recording
     codec: str
-    label: str
-    """The codec with the parameters that differ from their defaults, as on a command line."""
+    label: str  # the codec with the parameters that differ from their defaults, as on a command line
     parameters: dict[str, float]
     at_rest: bool
     """Whether the codec depends on motion but no positions were given: it behaves as if the tool were at rest."""
     weber_fraction: float
     floor_n: float
-    multiplier: float
-    """The codec's law; see `perception.WeberLaw`."""
-    loss: float
-    """Share of the updates that were lost at random."""
-    delay_us: int
-    """Delay of each way [µs] for `felt`."""
+    multiplier: float  # the codec's law; see `perception.WeberLaw`
+    loss: float  # share of the updates that were lost at random
+    delay_us: int  # delay of each way [µs] for `felt`
     cost: CostReport
     quality: QualityReport
     felt: ErrorReport
@@ -78,8 +71,7 @@ class Row:
     """Energy that this force creates, as a share of the work of the hand against the true force; see
     `measure.energy`. None without positions."""
     limits: Limits
-    over_optimum: float
-    """Packets sent over the fewest that any zero-order hold needs."""
+    over_optimum: float  # packets sent over the fewest that any zero-order hold needs
     packets_per_s: float
     wire_bytes_per_s: float
     session_wire_bytes_per_s: float
@@ -108,21 +100,11 @@ def compare(
 ) -> list[Row]:
     """Run every codec, each with its own law, over every recording; see `api.compare`.
 
-    Parameters
-    ----------
-    jobs
-        Number of processes. The results do not depend on it, apart from the measured `nanoseconds_per_sample`.
-    on_row
-        Called with each row as soon as it is complete, in order: the trial changes slowest, the codec fastest.
+    `jobs`: number of processes. The results do not depend on it, apart from the measured `nanoseconds_per_sample`.
+    `on_row`: called with each row as soon as it is complete, in order: the trial changes slowest, the codec fastest.
 
-    Raises
-    ------
-    SettingsError
-        If a loss, `delay_us` or `jobs` is out of range.
-    SampleError
-        If a codec refuses a sample.
-    UnavailableError
-        If a process ends unexpectedly.
+    Raise SettingsError if a loss, `delay_us` or `jobs` is out of range; SampleError if a codec refuses a sample;
+    UnavailableError if a process ends unexpectedly.
     """
     losses = tuple(loss) if isinstance(loss, Sequence) else (loss,)
     for each in losses:

@@ -15,20 +15,16 @@ from hapticnet.experiment.summary import HOLD_OPTIMUM, LINE_OPTIMUM, METHOD, Blo
 from hapticnet.experiment.trials import Trial
 
 HEIGHT_IN: Final = 4.0
-SHOWN_S: Final = 4.0
-"""Seconds of a recording in the figure of the signal: by default those with the most sent samples."""
-
+SHOWN_S: Final = 4.0  # seconds of a recording in the figure of the signal: by default those with the most sent samples
 ERROR: Final = "rmse_n"
-SWEPT: Final = {
+SWEPT: Final = {  # settings that can vary along a line, and what they are called on an axis
     "multiplier": "threshold [JND]",
     "weber_fraction": "Weber fraction",
     "floor_n": "smallest JND [N]",
     "loss": "share of updates lost",
 }
-"""Settings that can vary along a line, and what they are called on an axis."""
 
 MOST_TICKS: Final = 8
-
 OPTIMA: Final = {HOLD_OPTIMUM: (0, (4, 2)), LINE_OPTIMUM: (0, (1, 1.5))}
 OPTIMUM_MARKERS: Final = {HOLD_OPTIMUM: "+", LINE_OPTIMUM: "x"}
 """Markers, so that an optimum can be seen where there is one threshold only."""
@@ -37,19 +33,11 @@ OPTIMUM_MARKERS: Final = {HOLD_OPTIMUM: "+", LINE_OPTIMUM: "x"}
 class Figures:
     """The figures of a comparison that is still to be run, so that they can be refused before it.
 
-    Parameters
-    ----------
-    signal
-        Codec, as its label, whose signal is drawn over time; None: the first that is not raw.
-    window
-        The seconds of the recordings that are drawn, as ``FROM:TO``; None: those with the most sent samples.
+    `signal`: codec, as its label, whose signal is drawn over time; None: the first that is not raw. `window`: the
+    seconds of the recordings that are drawn, as ``FROM:TO``; None: those with the most sent samples.
 
-    Raises
-    ------
-    SettingsError
-        If the format, the codec or the window cannot be used.
-    UnavailableError
-        If matplotlib is missing.
+    Raise SettingsError if the format, the codec or the window cannot be used; UnavailableError if matplotlib is
+    missing.
     """
 
     def __init__(

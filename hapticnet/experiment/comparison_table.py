@@ -33,15 +33,11 @@ class Column:
     """A column of the tables for people: the figure of `Row.flat` that it shows, times a factor."""
 
     key: str
-    heading: str
-    """One or two lines."""
-    form: str
-    """Format specification of the number."""
-    meaning: str
-    """Explanation for the note under the table."""
+    heading: str  # one or two lines
+    form: str  # format specification of the number
+    meaning: str  # explanation for the note under the table
     factor: float = 1.0
-    in_papers: bool = True
-    """Whether the LaTeX table has the column; all of them do not fit on a page."""
+    in_papers: bool = True  # whether the LaTeX table has the column; all of them do not fit on a page
 
     def cell(self, line: Line) -> str:
         """Return the figure of a line, with its interval if it is a mean."""

@@ -34,13 +34,11 @@ from hapticnet.scene.settings import Tissue
 
 POLL_S: Final = 0.1
 CONNECT_TIMEOUT_S: Final = 10.0
-
 FROM_SLAVE: Final = ("packet_rate_reduction", "rmse_n", "max_error_n", "exceed_jnd_fraction")
 FROM_MASTER: Final = ("tracking_rmse_n", "round_trip", "lateness", "ticks", "missed_ticks", "scheduling", "overload")
 """Figures of a condition that the processes report themselves."""
 
 TISSUE_LOOKS: Final = (("o", VERMILION), ("s", GREEN), ("^", PURPLE), ("D", ORANGE))
-
 Progress = Callable[[Condition, float], None]
 """Called with the condition being played and how long it has been playing [s]."""
 
@@ -52,8 +50,7 @@ class Played:
     condition: Condition
     slave: dict[str, Any]
     master: dict[str, Any]
-    slave_overload: dict[str, Any]
-    """How busy the machine was over all conditions."""
+    slave_overload: dict[str, Any]  # how busy the machine was over all conditions
     slave_samples: Columns
     master_samples: Columns
 

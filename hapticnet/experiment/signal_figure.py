@@ -15,18 +15,12 @@ from hapticnet.experiment.style import BLUE, INK, ORANGE, SKY, VERMILION, legend
 from hapticnet.perception import WeberLaw
 
 HEIGHT_IN: Final = 4.4
-HEIGHTS: Final = (3.0, 0.55, 1.3)
-"""Relative heights of force, sent samples and error."""
-
-
+HEIGHTS: Final = (3.0, 0.55, 1.3)  # relative heights of force, sent samples and error
 RUN_WIDTH_IN: Final = 8.0
-RUN_HEIGHT_IN: Final = 4.4
-"""At the 150 dots per inch of that figure, 1200 by 660 pixels."""
-
+RUN_HEIGHT_IN: Final = 4.4  # at the 150 dots per inch of that figure, 1200 by 660 pixels
 TISSUES: Final = 3
 MARGIN_S: Final = 0.25
-ZOOM_S: Final = 0.32
-"""How long before the last breach the magnified part of the figure of a run begins [s]."""
+ZOOM_S: Final = 0.32  # how long before the last breach the magnified part of the figure of a run begins [s]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -36,14 +30,10 @@ class Signal:
     t_s: FloatArray
     true_n: FloatArray
     applied_n: FloatArray
-    sent: IntArray
-    """Indices of the samples that were sent."""
-    lost: IntArray
-    """Indices of those among them that were lost."""
-    law: WeberLaw
-    """The law whose threshold is drawn."""
-    felt_n: FloatArray | None = None
-    """Force at the fingertip [N], shape (n,), if there is a finger."""
+    sent: IntArray  # indices of the samples that were sent
+    lost: IntArray  # indices of those among them that were lost
+    law: WeberLaw  # the law whose threshold is drawn
+    felt_n: FloatArray | None = None  # force at the fingertip [N], shape (n,), if there is a finger
 
 
 def check_window(window_s: tuple[float, float], name: str, end_s: float) -> None:

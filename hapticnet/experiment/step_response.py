@@ -13,17 +13,10 @@ from hapticnet.errors import SettingsError
 from hapticnet.experiment.style import BLUE, INK, ORANGE, legend, picture
 
 Numbers: TypeAlias = NDArray[np.float64]
-
 RISE_FROM: Final = 0.1
-RISE_TO: Final = 0.9
-"""Fractions of the step between which the rise time is measured: the 10–90 % convention."""
-
-SETTLED_WITHIN: Final = 0.05
-"""Fraction of the step within which the response counts as settled: the 5 % convention."""
-
-LEAD_IN_S: Final = 0.25
-"""How much is drawn before the step [s]."""
-
+RISE_TO: Final = 0.9  # fractions of the step between which the rise time is measured: the 10–90 % convention
+SETTLED_WITHIN: Final = 0.05  # fraction of the step within which the response counts as settled: the 5 % convention
+LEAD_IN_S: Final = 0.25  # how much is drawn before the step [s]
 STEADY_FRACTION: Final = 0.25
 """Final share of the recording after the step that counts as steady. There is no convention for it."""
 
@@ -37,16 +30,13 @@ class StepFigures:
 
     rise_s: float | None
     """Time [s] from the first crossing of 10 % of the step to that of 90 %; None if 90 % is not reached."""
-    overshoot: float
-    """Largest excess over the target, as a fraction of the step; 0 if there is none."""
+    overshoot: float  # largest excess over the target, as a fraction of the step; 0 if there is none
     settling_s: float | None
     """Time [s] from the step until the force stays within 5 % of the step around the target; None if it is outside at
     the end of the recording."""
-    steady_error_n: float
-    """Mean force less target [N] over the last quarter of the recording after the step."""
+    steady_error_n: float  # mean force less target [N] over the last quarter of the recording after the step
     ripple_peak_to_peak_n: float
-    ripple_rms_n: float
-    """Range (largest less smallest) and standard deviation of the force [N] in that quarter."""
+    ripple_rms_n: float  # range (largest less smallest) and standard deviation of the force [N] in that quarter
 
 
 def step_figures(
@@ -56,10 +46,7 @@ def step_figures(
 
     Crossings are interpolated between samples, so they do not depend on the sampling rate. A downward step is inverted.
 
-    Raises
-    ------
-    SettingsError
-        If the step has no height, or fewer than two samples follow it.
+    Raise SettingsError if the step has no height, or fewer than two samples follow it.
     """
     times, forces = np.asarray(t_s, dtype=np.float64), np.asarray(force_n, dtype=np.float64)
     if from_n == to_n:

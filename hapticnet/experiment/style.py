@@ -12,9 +12,7 @@ from hapticnet.errors import SettingsError, UnavailableError
 from hapticnet.files import replacing_bytes
 
 FORMATS: Final = ("png", "pdf", "svg")
-PRINT_WIDTH_IN: Final = 6.3
-"""Width of the text on an A4 page with usual margins [in]."""
-
+PRINT_WIDTH_IN: Final = 6.3  # width of the text on an A4 page with usual margins [in]
 INK: Final = "#222222"
 GREY: Final = "#9aa5b1"
 BLUE, VERMILION, GREEN, PURPLE, SKY, ORANGE = "#0072B2", "#D55E00", "#009E73", "#CC79A7", "#56B4E9", "#E69F00"
@@ -23,13 +21,9 @@ BLUE, VERMILION, GREEN, PURPLE, SKY, ORANGE = "#0072B2", "#D55E00", "#009E73", "
 COLOURS: Final = (BLUE, VERMILION, GREEN, PURPLE, SKY, ORANGE)
 MARKERS: Final = ("o", "s", "^", "D", "v", "P", "X", "<", ">", "p", "*")
 DASHES: Final[tuple[Any, ...]] = ("-", (0, (5, 1.5)), (0, (1.2, 1.2)), (0, (6, 1.5, 1.2, 1.5)))
-
 LOG_MARK: Final = ", log scale"
-LOG_SPAN: Final = 5.0
-"""Largest over smallest figure from which on an upward axis is logarithmic."""
-
-SAME: Final = 0.004
-"""Relative distance below which points fall on the same spot of a figure."""
+LOG_SPAN: Final = 5.0  # largest over smallest figure from which on an upward axis is logarithmic
+SAME: Final = 0.004  # relative distance below which points fall on the same spot of a figure
 
 SETTINGS: Final[dict[Any, Any]] = {
     "font.size": 8.0,
@@ -46,8 +40,7 @@ SETTINGS: Final[dict[Any, Any]] = {
     "svg.hashsalt": "hapticnet",  # the same figure gives the same file
 }
 
-Points = Sequence[tuple[float, ...]]
-"""Points (x, y), or (x, y, half width of x, half width of y)."""
+Points = Sequence[tuple[float, ...]]  # points (x, y), or (x, y, half width of x, half width of y)
 
 
 def pyplot() -> Any:
@@ -73,10 +66,7 @@ def check_format(name: str) -> None:
 def picture(file: Path, height_in: float, *, width_in: float = PRINT_WIDTH_IN, **settings: Any) -> Iterator[Any]:
     """Yield an empty figure in the common look, and write it to `file`.
 
-    Parameters
-    ----------
-    settings
-        More settings of matplotlib, with "_" for ".".
+    `settings`: more settings of matplotlib, with "_" for ".".
     """
     plt = pyplot()
     from matplotlib.text import Text

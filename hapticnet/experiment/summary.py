@@ -12,7 +12,6 @@ from hapticnet.experiment.comparison import Row
 CONFIDENCE: Final = 0.95
 HOLD_OPTIMUM: Final = "optimum, hold"
 LINE_OPTIMUM: Final = "optimum, lines"
-
 METHOD: Final = "mean ± half width of the 95 % interval of Student's t over {count} recordings"
 
 
@@ -33,18 +32,15 @@ class Line:
 
     label: str
     codec: str | None
-    values: Mapping[str, Any]
-    """Figures by the name of the field in `Row.flat`; None where there is no finite value."""
-    half_widths: Mapping[str, float]
-    """Of the 95 % intervals, for the values that are means."""
+    values: Mapping[str, Any]  # figures by the name of the field in `Row.flat`; None where there is no finite value
+    half_widths: Mapping[str, float]  # of the 95 % intervals, for the values that are means
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Block:
     """All codecs with the same settings, on one recording or in the mean over several."""
 
-    trial: str | None
-    """Name of the recording; None for means."""
+    trial: str | None  # name of the recording; None for means
     recordings: int
     settings: Settings
     lines: tuple[Line, ...]

@@ -11,10 +11,7 @@ from typing import Any, Final
 from hapticnet.errors import visible
 
 UNKNOWN: Final = "–"
-
-WIDEST: Final = 1000
-"""Characters of a line that is not read on a terminal: more than any table needs."""
-
+WIDEST: Final = 1000  # characters of a line that is not read on a terminal: more than any table needs
 LATEX_PACKAGES: Final = "% Needs \\usepackage{adjustbox} and \\usepackage{booktabs}."
 
 _IN_LATEX: Final = str.maketrans(

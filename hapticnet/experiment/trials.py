@@ -16,9 +16,7 @@ from hapticnet.scene.base import Touchable
 from hapticnet.scene.scene import Scene
 from hapticnet.scene.sources import paper_scene
 
-LONGEST_US: Final = 600_000_000
-"""Longest motion [µs] that is recorded, for a hand that moves without end."""
-
+LONGEST_US: Final = 600_000_000  # longest motion [µs] that is recorded, for a hand that moves without end
 DEFAULT_MOTION: Final = InsertionSettings()
 
 
@@ -26,14 +24,10 @@ DEFAULT_MOTION: Final = InsertionSettings()
 class Trial:
     """A recording on which codecs are compared; SampleError if a value is not finite or is out of range."""
 
-    name: str
-    """Name in tables and figures."""
-    t_us: IntArray
-    """Time stamps [µs], shape (n,)."""
-    stimuli: FloatArray
-    """Forces [N], positive out of the tissue, shape (n, a)."""
-    positions: FloatArray | None = None
-    """Positions of the tool [m], shape (n, a), if known."""
+    name: str  # name in tables and figures
+    t_us: IntArray  # time stamps [µs], shape (n,)
+    stimuli: FloatArray  # forces [N], positive out of the tissue, shape (n, a)
+    positions: FloatArray | None = None  # positions of the tool [m], shape (n, a), if known
 
     def __post_init__(self) -> None:
         for what, values in (("stimulus", self.stimuli), ("position", self.positions)):

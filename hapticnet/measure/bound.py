@@ -36,8 +36,7 @@ is a denormal number), which is less than a threshold 1 + 4u times as large.
 ROUNDINGS: Final = 2.0**-48
 """Bound of the relative error of a norm in up to three axes and of values computed from it: about ten roundings."""
 
-UNSEEN_N: Final = 1e-150
-"""Differences [N] in one of several axes whose squares may be rounded to zero in a norm."""
+UNSEEN_N: Final = 1e-150  # differences [N] in one of several axes whose squares may be rounded to zero in a norm
 
 
 def fewest_holds(law: WeberLaw, stimuli: FloatArray) -> int:

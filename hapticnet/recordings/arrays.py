@@ -14,11 +14,9 @@ from hapticnet.errors import FileError, UnavailableError, visible
 from hapticnet.recordings.columns import check_columns
 
 Arrays = Mapping[str, npt.NDArray[Any]]
-
 _MAT_HEADER_BYTES: Final = 128
 _MAT_COMPRESSED: Final = 15
 _PIECE_BYTES: Final = 2**20
-
 _FLOAT_BYTES: Final = 8
 
 

@@ -49,7 +49,6 @@ _TIME_NAMES: Final = (
 _STAMP: Final = re.compile(r"\s*(?:\d{4}-?\d{2}-?\d{2}[T ]\d{2}|\d{2}:\d{2}:)[\d:.,]*\s*(?:Z|[+-][\d:]+)?\s*")
 _EPOCH: Final = datetime(1970, 1, 1, tzinfo=UTC)
 _MICROSECOND: Final = timedelta(microseconds=1)
-
 _WORDS: Final = (("s", "seconds"), ("ms", "milliseconds"), ("us", "microseconds"), ("ns", "nanoseconds"))
 
 # Range of stamps since 1970: the years 1985 to 2128.
@@ -57,7 +56,6 @@ _EARLIEST_S, _LATEST_S = 5e8, 5e9
 
 # Longest median step for which a time without a unit is read in s, ms and µs: 2 Hz, 10 Hz and 10 Hz.
 _LONGEST_STEPS: Final = (0.5, 100.0, 1e5)
-
 _AMBIGUOUS: Final = ("MN", "Mm", "Ms")  # capitals may mean mega, so these are not read in lower case
 _BRACKETED: Final = re.compile(r"(.*?)[\s_]*[\[(]\s*([^\[\]()]*?)\s*[\])]")
 _SUFFIXED: Final = re.compile(r"(.*[^\s_/])(?:_|\s*/\s*|\s+)([A-Za-zµ°]+)")

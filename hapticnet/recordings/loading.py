@@ -30,7 +30,6 @@ from hapticnet.samples import MAX_AXES
 
 Missing = Literal["refuse", "drop", "hold"]
 Columns = str | Sequence[str]
-
 SLOWEST_HZ: Final = 1e-3
 FASTEST_HZ: Final = 1e6  # time stamps are whole microseconds
 SMALLEST_SCALE: Final = 1e-9
@@ -159,15 +158,10 @@ def load_motion(
     missing: Missing = "refuse",
     max_bytes: int = MAX_BYTES,
 ) -> Motion:
-    """Read positions only, from the same files as `load_recording`.
+    """Read positions only, from the same files as `load_recording`, with the same parameters and errors.
 
-    Parameters
-    ----------
-    position
-        One to three position columns; None: those called position or pos (``position_m``, ``pos_x [mm]``), or else
-        the only column that is not time.
-    position_scale, time, rate_hz, missing, max_bytes
-        As for `load_recording`, which lists the errors raised, too.
+    `position` is one to three columns; None: those called position or pos (``position_m``, ``pos_x [mm]``), or else
+    the only column that is not time.
     """
     source = _open(user_path(path), rate_hz, missing, max_bytes)
     with file_errors(source.path):

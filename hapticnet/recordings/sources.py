@@ -13,9 +13,7 @@ from hapticnet.recordings.session.session import change_notes
 from hapticnet.recordings.session.sink import beside
 from hapticnet.recordings.text import TextSource
 
-Source: TypeAlias = ArraySource | TextSource
-"""A file's columns."""
-
+Source: TypeAlias = ArraySource | TextSource  # a file's columns
 _READABLE: Final = "CSV, TSV, .npy, .npz, .mat, hapticnet's own .mcap and .parquet can be read"
 
 

@@ -34,7 +34,6 @@ _SAMPLE_ROWS: Final = 100
 _BLOCK_BYTES: Final = 2**20
 _SKIPPED: Final = ("", "#", "%")
 _OPEN_QUOTE: Final = "a quote is opened and not closed"
-
 _SEPARATORS: Final = ("\t", ";", ",", None)
 _MISSING: Final = frozenset(("", "nan", "na", "n/a", "null"))
 _UNITS: Final = frozenset((*FORCE_UNITS, *LENGTH_UNITS, *TIME_UNITS, *OTHER_UNITS))

@@ -29,26 +29,21 @@ from hapticnet.runtime.system import FIFO_PRIORITY, loop_factory, policy
 from hapticnet.runtime.timer import Alarm
 from hapticnet.runtime.udp import RECEIVE_BUFFER_BYTES
 
-SCHEMA: Final = 2
-"""Version of the JSON report. It grows when a key or a verdict changes its meaning or goes away."""
-
+SCHEMA: Final = 2  # version of the JSON report. It grows when a key or a verdict changes its meaning or goes away
 MOST_BYTES: Final = 256 * 1024  # of a file that is read
-
 ENOUGH_CPUS: Final = 1.0
 FEWEST_CPUS: Final = 0.25
 """CPUs that a control group must grant. A master takes 0.07 on average and three times that while it starts."""
 
-GRABBERS: Final = {
+GRABBERS: Final = {  # programs that take serial ports, what they do, and what stops them
     "brltty": ("It takes USB adapters for Braille displays, and their ports disappear.", "sudo apt-get remove brltty"),
     "ModemManager": (
         "It looks for modems on serial ports, and writes to them.",
         "sudo systemctl disable --now ModemManager",
     ),
 }
-"""Programs that take serial ports, what they do, and what stops them."""
 
 TRIAL_S: Final = 3.0
-
 LATE_US: Final = 250.0, 1000.0
 """Good and acceptable lateness of ticks at the 99th percentile: a quarter of a tick, and a whole one.
 
@@ -163,9 +158,7 @@ class Machine:
 
 
 FIND: Final = Step("Plug it in, and list the ports:", "hapticnet device find")
-
-Probe: TypeAlias = tuple[str, Callable[[], list[Finding]]]
-"""A subject, and what examines it."""
+Probe: TypeAlias = tuple[str, Callable[[], list[Finding]]]  # a subject, and what examines it
 
 
 def probes(machine: Machine, *, serial: SerialSpec | None = None, simavr: bool = False) -> list[Probe]:

@@ -25,7 +25,6 @@ DROPPED: Final = ("late", "duplicate", "malformed", "stray", "too_old", "over_ra
 """Why datagrams that arrived are not used: the fields of `Traffic` of these names."""
 
 END_WITHIN_S: Final = 1.0
-
 Values: TypeAlias = dict[str, float | dict[str, float]]
 
 

@@ -23,13 +23,11 @@ from prometheus_client.registry import Collector
 from hapticnet import __version__
 from hapticnet.protocol.stats import Distribution
 
-EDGES_S: Final = (
+EDGES_S: Final = (  # upper edges [s] of the buckets of histograms; the 1 ms of a tick is one of them
     0.00005, 0.0001, 0.00025, 0.0005, 0.001, 0.0025, 0.005, 0.01, 0.025, 0.05, 0.1, 0.25, 0.5, 1.0,
 )  # fmt: skip
-"""Upper edges [s] of the buckets of histograms; the 1 ms of a tick is one of them."""
 
 STALE_S: Final = 3.0  # time [s] without news after which the node counts as stuck: six intervals
-
 CLIENT_TIMEOUT_S: Final = 5.0
 
 

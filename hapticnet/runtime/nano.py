@@ -28,13 +28,9 @@ from hapticnet.runtime.signals import stop_on_signals
 from hapticnet.runtime.timer import Repeating, Ticker, until
 
 CYCLES_PER_US: Final = 16  # clock cycles per µs of the Nano: 16 MHz
-
 LONGEST_STEP_US: Final = 10_000_000  # longest step [µs]: the firmware's output must fit the harness's buffers
-
 MOST_BYTES: Final = 0xFFFF  # largest number of bytes passed in one step
-
 BUILD_VARIABLE: Final = "HAPTICNET_FIRMWARE"  # folder of simulator and firmware; default: the one in the checkout
-
 _REQUEST: Final = struct.Struct("<IHH")
 _REPLY: Final = struct.Struct("<QIIII")
 _EDGE: Final = struct.Struct("<QII")
@@ -137,7 +133,6 @@ LONGEST_PULSE_US: Final = 2_500.0
 """Limits [µs] of a pulse that a servo accepts; a shorter one may come from a reset. Typical of hobby servos."""
 
 SUPPLY_MV: Final = 5_000.0  # full scale of the converter [mV], whose reference is the supply
-
 SensorHook: TypeAlias = Callable[[float, int], float]
 """Converter input [counts] as a function of the sensor's output [counts] and the time [µs]; models faults."""
 
@@ -301,7 +296,6 @@ class SimulatedNano(Device):
 
 
 MOST_CATCH_UP_US: Final = 50_000  # longest stall [µs] that is made up for; the rest of a longer one is skipped
-
 TERMINALS: Final = "/dev/pts/"  # directory of pseudo-terminals: pts(4)
 MOST_READ_BYTES: Final = 4096  # largest number of bytes read at a time: the capacity of a pseudo-terminal
 

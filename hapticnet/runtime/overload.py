@@ -10,9 +10,7 @@ from hapticnet.runtime.timer import Ticker
 from hapticnet.runtime.udp import UdpPort
 
 WINDOW_US: Final = 900_000  # least time [µs] over which ages and missed ticks are judged
-
 LARGEST_QUEUE_AGE_US: Final = 5_000  # age [µs] of datagrams, 99th percentile, above which the user is told
-
 LARGEST_MISSED_SHARE: Final = 0.01  # share of missed ticks above which the user is told
 TELL_EVERY_US: Final = 10_000_000  # time [µs] between two lines about the same sign
 

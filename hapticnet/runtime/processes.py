@@ -38,7 +38,6 @@ def safe_path() -> Iterator[None]:
 
 PIPE_BYTES: Final = 2**20  # Capacity [B] of the pipe to a side process. Linux permits this much without privileges.
 MOST_AT_ONCE: Final = 256 * 1024  # most bytes that are written in one call: less than 0.1 ms
-
 POLL_S: Final = 0.01
 
 
@@ -147,9 +146,7 @@ def _normal_priority() -> None:
 
 
 LISTENING: Final = "listening on "  # start of a slave's message that it can be reached, before its address and a comma
-
 END_WITHIN_S: Final = 5.0
-
 KEY_VARIABLES: Final = ("HAPTICNET_KEY", "HAPTICNET_PEER_KEY", "HAPTICNET_MASTERS")
 """Environment variables that name keys. They are for sessions with other hosts; children serve this one."""
 

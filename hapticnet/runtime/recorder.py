@@ -38,7 +38,6 @@ BATCH_S: Final = 0.05  # time between two batches for the writer: a node that is
 CATCH_UP_S: Final = 0.005  # the same while bytes wait, or sessions are due
 MOST_EARLY_EVENTS: Final = 1000  # most events that are kept until there is a first row
 MOST_AT_ONCE: Final = 16  # most sessions of a slave that are collected in one call, in about 0.1 ms
-
 WIRE_VERSIONS: Final = {"open": OPEN, "sealed": SEALED}
 
 

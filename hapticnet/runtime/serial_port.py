@@ -20,28 +20,22 @@ from hapticnet.runtime.system import now_us
 from hapticnet.runtime.timer import Ticker, either
 
 DEFAULT_BAUD: Final = 500_000
-BAUDS: Final = (DEFAULT_BAUD, 115_200)
-"""Baud rates for which the firmware can be built."""
+BAUDS: Final = (DEFAULT_BAUD, 115_200)  # baud rates for which the firmware can be built
 
-BY_ID: Final = Path(
-    "/dev/serial/by-id"
-)  # links by udev with the name of the device, which is the same after replugging
-
-NANO_VENDORS: Final = {
+BY_ID: Final = Path("/dev/serial/by-id")  # links by udev, named after the device: the same after replugging
+NANO_VENDORS: Final = {  # USB vendor ids of Nanos and their adapters, from the USB ID Repository
     0x0403: "FTDI chip, as on Arduino Nanos",
     0x1A86: "CH340 chip, as on Nano clones",
     0x2341: "made by Arduino",
     0x2A03: "made by Arduino",
 }
-"""USB vendor ids of Nanos and their adapters, from the USB ID Repository."""
 
 START_WITHIN_S: Final = 5.0
 """Time for a device to give readings [s]: three until it counts as silent, and to open the port."""
 
 RETRY_S: Final = 0.25
 WAIT_STEP_S: Final = 0.005
-READ_BYTES: Final = 4096
-"""About 80 ms of a full line at 500 kbaud."""
+READ_BYTES: Final = 4096  # about 80 ms of a full line at 500 kbaud
 
 
 @dataclass(frozen=True, slots=True)

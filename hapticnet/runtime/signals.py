@@ -23,7 +23,6 @@ if TYPE_CHECKING:
 PATIENCE_S: Final = 2.0  # time [s] in which a loop that runs reacts
 TRIES: Final = 3  # how often code that does not return is interrupted, before the process ends without it
 CONCLUDE_S: Final = 10.0  # time [s] that what comes after the loop may take, such as ``close()`` of a user's object
-
 _NOT_THE_USERS: Final = (str(Path(__file__).parents[1]) + os.sep, sysconfig.get_path("stdlib") + os.sep, "<frozen")
 
 

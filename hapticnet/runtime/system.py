@@ -51,9 +51,7 @@ def start_background(work: Callable[[], None], name: str) -> threading.Thread:
 
 
 Result = TypeVar("Result")
-
 FIFO_PRIORITY: Final = 10  # a low real-time priority: above all ordinary processes, below the kernel's threads
-
 OTHER: Final = "SCHED_OTHER"
 
 

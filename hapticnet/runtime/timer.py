@@ -22,7 +22,6 @@ _TFD_CLOEXEC: Final = 0o2000000
 _TFD_TIMER_ABSTIME: Final = 1
 _EXPIRATIONS: Final = struct.Struct("=Q")
 _ITIMERSPEC: Final = struct.Struct("=qqqq")  # interval s, ns; first expiry s, ns
-
 STATUS_INTERVAL_S: Final = 0.5
 
 

@@ -21,7 +21,6 @@ from hapticnet.runtime.system import now_us
 from hapticnet.runtime.timer import Alarm
 
 AGES_KEPT: Final = 1000  # ages kept until they are taken: those of a second, even of a port that reads continuously
-
 TOLERANCE_US: Final = 1000.0  # difference of two clocks of the system between two samples [µs], at most
 
 # From <asm-generic/socket.h> and <linux/sock_diag.h>.
@@ -81,29 +80,22 @@ class ReceiveQueue:
 
 
 SocketAddress: TypeAlias = Any  # what the socket module uses: (host, port), or four values for IPv6
-
 OutgoingChannel: TypeAlias = Emulator[tuple[bytes, SocketAddress]]  # for outgoing datagrams, each with its destination
 IncomingChannel: TypeAlias = Emulator[tuple[bytes, SocketAddress]]  # for arriving datagrams, each with its source
-
 Receive: TypeAlias = Callable[[list[tuple[bytes, SocketAddress]], int], None]
-
 READ_BYTES: Final = MAX_DATAGRAM_BYTES + 1  # one more than is allowed, so that oversized datagrams can be recognised
 DRAIN_AT_MOST: Final = 256  # largest number of datagrams read in a row
-
 DRAIN_US: Final = 300  # longest time [µs] that a master reads in a row, so that a flood delays no tick by more
-
 PROMPT_US: Final = 2_000
 """If the socket was empty this short a time ago, the first datagram is handed over before the next is looked for, which
 takes as long as a tenth of a round trip."""
 
 POLL_S: Final = 0.01
-
 RECEIVE_BUFFER_BYTES: Final = 1 << 22
 """Room for 5 s of a master, or 20 ms of a thousand (the system counts 768 B for a small datagram). ``hapticnet doctor``
 tests whether the system allows that much."""
 
 SEND_BUFFER_BYTES: Final = 1 << 20
-
 SAMPLE_EVERY: Final = 16
 """The age of the oldest datagram is looked up once in so many drains, and in each after one of more datagrams."""
 

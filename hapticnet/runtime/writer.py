@@ -17,7 +17,6 @@ from hapticnet.recordings.session.archive import Archive
 from hapticnet.recordings.session.frames import frame_reader
 
 FLUSH_S: Final = 0.12  # rows reach the file at the latest this long [s] after the pipe
-
 PIPE_BYTES: Final = 1 << 20
 STOPPED: Final = "stopped"
 FAILED: Final = "failed"

@@ -18,58 +18,37 @@ SHARD_S: Final = 3.0
 SHORTEST_S: Final = 0.3
 """Duration of the last shards [s], which are short so that all workers end at about the same time."""
 
-FIRST_RUNS: Final = 2
-"""Runs in a shard before it is known how long a run takes."""
-
-GROWTH: Final = 8
-"""Most times by which shards grow from one to the next: the first ones include the start of a worker."""
-
+FIRST_RUNS: Final = 2  # runs in a shard before it is known how long a run takes
+GROWTH: Final = 8  # most times by which shards grow from one to the next: the first ones include the start of a worker
 WINDOW: Final = 8
 POLL_S: Final = 0.25
-ATTEMPTS: Final = 3
-"""How often a shard is tried whose worker ends."""
-
-HOPELESS: Final = 5
-"""If so many shards cannot be computed, and none could, the sweep ends."""
-
+ATTEMPTS: Final = 3  # how often a shard is tried whose worker ends
+HOPELESS: Final = 5  # if so many shards cannot be computed, and none could, the sweep ends
 PLACES: Final = 5
 RUNS_EACH: Final = 4
 """An estimate times runs at so many places of the study, so many in a row, since neighbours share work."""
 
-LONGEST_S: Final = 20.0
-"""Time [s] after which an estimate tries no further place."""
+LONGEST_S: Final = 20.0  # time [s] after which an estimate tries no further place
 
 
 @dataclass(slots=True)
 class Progress:
     """How far a sweep is."""
 
-    runs: int
-    """Runs of the study."""
-    done: int = 0
-    """Runs that are stored."""
-    computed: int = 0
-    """Runs that this sweep computed and stored."""
-    shards: int = 0
-    """Shards that this sweep stored."""
-    failed: int = 0
-    """Computed runs that have an error instead of measures."""
+    runs: int  # runs of the study
+    done: int = 0  # runs that are stored
+    computed: int = 0  # runs that this sweep computed and stored
+    shards: int = 0  # shards that this sweep stored
+    failed: int = 0  # computed runs that have an error instead of measures
     first_error: str | None = None
-    lost_workers: int = 0
-    """How often a worker ended while it computed."""
-    poison: list[Shard] = field(default_factory=list)
-    """Shards that were given up."""
-    first_reason: str | None = None
-    """Why the first of them was."""
+    lost_workers: int = 0  # how often a worker ended while it computed
+    poison: list[Shard] = field(default_factory=list)  # shards that were given up
+    first_reason: str | None = None  # why the first of them was
     worker_seconds: float = 0.0
-    worker_cpu_seconds: float = 0.0
-    """Sums of the shards' durations and processor times [s]."""
-    seconds: float = 0.0
-    """Duration of this sweep so far [s]."""
-    workers: int = 0
-    """Workers at present."""
-    stopped: bool = False
-    """Whether the sweep was asked to stop before its end."""
+    worker_cpu_seconds: float = 0.0  # sums of the shards' durations and processor times [s]
+    seconds: float = 0.0  # duration of this sweep so far [s]
+    workers: int = 0  # workers at present
+    stopped: bool = False  # whether the sweep was asked to stop before its end
 
     @property
     def runs_per_s(self) -> float:
@@ -142,12 +121,8 @@ def sweep(
 
     Once `is_stopped`, which is asked a few times a second, the shards in hand are finished and nothing else is begun.
 
-    Raises
-    ------
-    FileError
-        If a shard cannot be stored. All that were stored before are kept.
-    UnavailableError
-        If the workers are gone, or none of them can compute anything.
+    Raise FileError if a shard cannot be stored (all that were stored before are kept); UnavailableError if the workers
+    are gone, or none of them can compute anything.
     """
     cutter = Cutter(there, plan.runs)
     progress = Progress(runs=plan.runs, done=sum(shard.runs for shard in there))

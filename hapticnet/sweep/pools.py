@@ -16,15 +16,9 @@ from hapticnet.sweep.runs import Plan, Runner, Shard
 from hapticnet.sweep.store import Computed, compute, versions
 
 NEEDS: Final = "--scheduler needs Dask's distributed (extra cluster): pip install distributed"
-
-CONNECT_S: Final = 10.0
-"""Time [s] in which a scheduler must answer."""
-
-COUNT_S: Final = 2.0
-"""Time [s] between two counts of the workers."""
-
+CONNECT_S: Final = 10.0  # time [s] in which a scheduler must answer
+COUNT_S: Final = 2.0  # time [s] between two counts of the workers
 CLOSE_S: Final = 3.0
-
 _own = threading.local()
 
 

@@ -11,15 +11,7 @@ from typing import Any, Final
 
 from hapticnet.checks import check_parameter
 from hapticnet.errors import FileError, SettingsError, UnavailableError
-from hapticnet.experiment.style import (
-    LOG_MARK,
-    PRINT_WIDTH_IN,
-    check_format,
-    draw_codecs,
-    finish_axes,
-    legend,
-    picture,
-)
+from hapticnet.experiment.style import LOG_MARK, PRINT_WIDTH_IN, check_format, draw_codecs, finish_axes, legend, picture
 from hapticnet.experiment.summary import t_quantile
 from hapticnet.sweep.store import NEEDS, SHARDS, Store
 from hapticnet.sweep.study import Shown
@@ -50,12 +42,8 @@ LABELS: Final = {
 }
 MOST_PANELS: Final = 12
 PANEL_HEIGHT_IN: Final = 2.3
-ACROSS: Final = 3
-"""Panels in a row, at most."""
-
-MOST_DECADES: Final = 2.5
-"""Decades up to which an axis of a panel has labels within a decade."""
-
+ACROSS: Final = 3  # panels in a row, at most
+MOST_DECADES: Final = 2.5  # decades up to which an axis of a panel has labels within a decade
 LINEAR: Final = ("correct",)
 
 
@@ -64,10 +52,8 @@ class Results:
     """The results in a folder."""
 
     store: Store
-    about: dict[str, Any]
-    """What the folder says of itself; see `Store.about`."""
-    varied: tuple[str, ...]
-    """Settings with more than one value."""
+    about: dict[str, Any]  # what the folder says of itself; see `Store.about`
+    varied: tuple[str, ...]  # settings with more than one value
 
     @property
     def settings(self) -> tuple[str, ...]:
@@ -140,12 +126,8 @@ def summary(
 
     Runs with errors are left out. `where` is a condition on rows, in SQL.
 
-    Raises
-    ------
-    SettingsError
-        If a quantile is out of range, or DuckDB does not understand the condition.
-    FileError
-        If a shard cannot be read.
+    Raise SettingsError if a quantile is out of range, or DuckDB does not understand the condition; FileError if a shard
+    cannot be read.
     """
     for each in quantiles:
         check_parameter("quantile", each, 0.0, 1.0)

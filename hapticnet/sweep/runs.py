@@ -15,15 +15,10 @@ import numpy as np
 from hapticnet.errors import in_words
 
 Kind: TypeAlias = Literal["int", "float", "text"]
-Columns: TypeAlias = dict[str, Kind]
-"""Names and types of the columns of a table."""
-
-Row: TypeAlias = dict[str, Any]
-"""One run: a value, or None, for each column."""
-
+Columns: TypeAlias = dict[str, Kind]  # names and types of the columns of a table
+Row: TypeAlias = dict[str, Any]  # one run: a value, or None, for each column
 RUN_COLUMNS: Final[Columns] = {"run": "int", "repeat": "int"}
 ERROR_COLUMNS: Final[Columns] = {"error": "text"}
-
 FOR_REPEAT: Final = 1
 """Second part of the spawn key of what all combinations of a repeat share, such as the motion of the hand."""
 
@@ -62,18 +57,14 @@ class Plan(ABC):
     """A study with its files read and its combinations counted."""
 
     task: ClassVar[str]
-    measured: ClassVar[Columns]
-    """What a run measures; docs/use/compare.md explains each."""
+    measured: ClassVar[Columns]  # what a run measures; docs/use/compare.md explains each
 
     name: str
     seed: int
-    repeats: int
-    """How often every combination is run."""
+    repeats: int  # how often every combination is run
     grid: Grid
-    swept: tuple[str, ...]
-    """Parameters of codecs that the study varies."""
-    digest: str = ""
-    """SHA-256 of all that determines the numbers, except how often the study is repeated."""
+    swept: tuple[str, ...]  # parameters of codecs that the study varies
+    digest: str = ""  # SHA-256 of all that determines the numbers, except how often the study is repeated
 
     @property
     def cells(self) -> int:

@@ -25,8 +25,7 @@ from hapticnet.scene.sources import find_scene, make_scene
 from hapticnet.sweep.runs import Columns, Row
 from hapticnet.sweep.study import LinkAxes, Reading
 
-PARAMETER: Final = "parameter_"
-"""Start of the names of columns with parameters of codecs."""
+PARAMETER: Final = "parameter_"  # start of the names of columns with parameters of codecs
 
 LINK_COLUMNS: Final[Columns] = {
     "forward": "text", "feedback": "text", "delay_ms": "float", "jitter_ms": "float", "loss": "float",

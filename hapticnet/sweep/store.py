@@ -25,15 +25,10 @@ from hapticnet.sweep.runs import Plan, Row, Runner, Shard, overlap, rows_of
 ABOUT: Final = "sweep.json"
 STUDY: Final = "study.toml"
 LOCK: Final = "sweep.lock"
-SHARDS: Final = "shard-*.parquet"
-"""The files with the rows, as a glob."""
-
+SHARDS: Final = "shard-*.parquet"  # the files with the rows, as a glob
 _SHARD: Final = re.compile(r"shard-(\d{10})-(\d{10})-([0-9a-f]{16})\.parquet")
-
 METADATA_KEY: Final = b"hapticnet"
-LARGEST_SHARD: Final = 256 * 2**20
-"""Size limit of a shard [B]; the runs of half a minute take less than 1 MB."""
-
+LARGEST_SHARD: Final = 256 * 2**20  # size limit of a shard [B]; the runs of half a minute take less than 1 MB
 NEEDS: Final = "hapticnet sweep needs pyarrow and duckdb (extra sweep): pip install pyarrow duckdb"
 
 
@@ -115,12 +110,8 @@ class Store:
     def open(self, plan: Plan, text: str, about: Mapping[str, Any]) -> list[Shard]:
         """Prepare the folder for a plan, whose file is copied there; return the shards that are there.
 
-        Raises
-        ------
-        SettingsError
-            If the folder belongs to another study, or has more runs than the plan.
-        FileError
-            If a file in it cannot be read or written, or is not whole.
+        Raise SettingsError if the folder belongs to another study, or has more runs than the plan; FileError if a file
+        in it cannot be read or written, or is not whole.
         """
         self._refuse_other(plan)
         for left in self.path.iterdir():

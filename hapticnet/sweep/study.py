@@ -23,7 +23,6 @@ RANGE_KEYS: Final = ("from", "to", "count", "spacing")
 SPACINGS: Final = ("linear", "ratio")
 FORMS: Final = "one value, a list of values, or a range such as { from = 1, to = 4, count = 7 }"
 NONE: Final = "none"
-
 Value = TypeVar("Value")
 
 
@@ -224,7 +223,6 @@ class OrderingStudy(Study):
 
 
 AnyStudy: TypeAlias = FeltStudy | OrderingStudy
-
 TASKS: Final[dict[str, type[FeltStudy] | type[OrderingStudy]]] = {"felt": FeltStudy, "ordering": OrderingStudy}
 
 

@@ -50,15 +50,9 @@ if TYPE_CHECKING:
     from hapticnet.codec.base import Codec
 
 DEFAULT_SCENES: Final = ("paper:1",)
-NEVER_US: Final = 2**61
-"""Later than the end of any recording [µs]."""
-
-SHOWN_ONLY: Final = {"show", "name", "repeats"}
-"""What a study may change without changing the numbers of a run."""
-
-KEPT_TRIALS: Final = 16
-"""Trials that a worker keeps; the combinations that need one come together."""
-
+NEVER_US: Final = 2**61  # later than the end of any recording [µs]
+SHOWN_ONLY: Final = {"show", "name", "repeats"}  # what a study may change without changing the numbers of a run
+KEPT_TRIALS: Final = 16  # trials that a worker keeps; the combinations that need one come together
 ORDERS: Final = tuple(permutations(PAPER_BREACH_FORCES_N))
 LIMIT_S: Final = 180.0
 LARGEST_SEED: Final = 2**31
@@ -242,8 +236,7 @@ class OrderingPlan(Plan):
         "packets": "int", "wire_bytes": "int", "penetrations": "int", "bytes_per_penetration": "float",
         "perceptual_error": "float",
     }  # fmt: skip
-    answers: int
-    """Observers who answer about one trial."""
+    answers: int  # observers who answer about one trial
 
     @property
     def sharing(self) -> int:

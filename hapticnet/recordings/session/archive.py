@@ -106,7 +106,6 @@ class CsvWriter:
 
 
 Writer = McapWriter | CsvWriter
-
 FORMATS: Final[dict[str, Callable[[Heading], Writer]]] = {".mcap": McapWriter, ".csv": CsvWriter}
 """Formats in which sessions are recorded, by the suffix of the file."""
 

@@ -12,15 +12,7 @@ from hapticnet.errors import FileError, UnavailableError
 from hapticnet.files import written_beside
 from hapticnet.recordings.session.archive import FORMATS
 from hapticnet.recordings.session.frames import Heading
-from hapticnet.recordings.session.session import (
-    INCOMPLETE,
-    INTEGERS,
-    REPORT,
-    Session,
-    SessionTable,
-    Table,
-    as_type,
-)
+from hapticnet.recordings.session.session import INCOMPLETE, INTEGERS, REPORT, Session, SessionTable, Table, as_type
 from hapticnet.recordings.session.sink import beside
 
 ROWS_AT_ONCE: Final = 10_000

@@ -14,14 +14,7 @@ from hapticnet.errors import FileError, HapticnetError, UnavailableError
 from hapticnet.recordings.columns import check_columns
 from hapticnet.recordings.session.mcap_writer import ABOUT, NEEDS_MCAP, REPORT
 from hapticnet.recordings.session.protobuf import row_dtype, unpack_log
-from hapticnet.recordings.session.session import (
-    LARGEST_JSON,
-    Event,
-    Session,
-    SessionTable,
-    check_events,
-    parse_json,
-)
+from hapticnet.recordings.session.session import LARGEST_JSON, Event, Session, SessionTable, check_events, parse_json
 
 _RECORD: Final = struct.Struct("<BQ")
 _MESSAGE: Final = struct.Struct("<HIQQ")
@@ -41,9 +34,7 @@ MOST_MESSAGES: Final = 10_000
 LARGEST_DESCRIPTION: Final = 2**20  # larger descriptions of a topic are taken for damage: schemas and channels
 LARGEST_DESCRIPTIONS: Final = 64 * 2**20  # limit of all channels together [B]
 RECOVERED: Final = "hapticnet.recovered"  # metadata of a file that an earlier `hapticnet recover` wrote
-
-Record: TypeAlias = Any
-"""A record of the package mcap: Channel, Metadata, Footer; or `Messages` or `Damage`."""
+Record: TypeAlias = Any  # a record of the package mcap: Channel, Metadata, Footer; or `Messages` or `Damage`
 
 
 class Damage:

@@ -13,9 +13,7 @@ import numpy.typing as npt
 
 from hapticnet.errors import FileError
 
-SessionTable: TypeAlias = Mapping[str, npt.NDArray[Any]]
-"""Columns of float64, int64 or int32 by name, shape (n,) each."""
-
+SessionTable: TypeAlias = Mapping[str, npt.NDArray[Any]]  # columns of float64, int64 or int32 by name, shape (n,) each
 REPORT: Final = "report"  # fact that a node adds when its session ends
 INCOMPLETE: Final = "incomplete"  # fact in a recording from which something is missing: why
 LARGEST_JSON: Final = 32 * 2**20
@@ -28,7 +26,7 @@ MOST_EVENTS: Final = 300_000  # most events that are read: 12 hours at 7 a secon
 IN_FORCE: Final = "SettingsInForce"  # name of the events that state what is in force from their time on (`node.events`)
 _SURROGATE: Final = re.compile(r"[\ud800-\udfff]|\\u[dD][89a-fA-F]")
 
-INTEGERS: Final = {
+INTEGERS: Final = {  # columns that hold whole numbers, and their types; all others are float64
     "t_us": "i8",
     "answered_us": "i8",
     "transmitted": "i4",
@@ -37,7 +35,6 @@ INTEGERS: Final = {
     "direction": "i4",
     "kind": "i4",
 }
-"""Columns that hold whole numbers, and their types; all others are float64."""
 
 
 def as_type(values: npt.NDArray[Any], kind: str) -> npt.NDArray[Any]:
