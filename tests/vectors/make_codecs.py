@@ -3,13 +3,14 @@
 Run ``python -m tests.vectors.make_codecs`` after an intended change of a codec; the tests say whether it is needed.
 """
 
+import itertools
 import json
 import sys
 from pathlib import Path
 
 import numpy as np
 
-from hapticnet.codec.registry import make_codec
+from hapticnet.codec.registry import every_codec, make_codec
 from hapticnet.errors import PeerError
 from hapticnet.perception import WeberLaw
 
@@ -140,7 +141,7 @@ def case(number, name, parameters, law, axes, lost=(), samples_of=None):
     refused = []
     for payload in bad_payloads(name, axes, [bytes.fromhex(sample[3]) for sample in samples if sample[3]][-1]):
         try:
-            codec_decoder_copy(codec, axes, samples).decode(samples[-1][0], payload)
+            decoder_after(codec, axes, samples).decode(samples[-1][0], payload)
         except PeerError:
             refused.append(payload.hex())
     later = [
@@ -163,7 +164,7 @@ def case(number, name, parameters, law, axes, lost=(), samples_of=None):
     }
 
 
-def codec_decoder_copy(codec, axes, samples):
+def decoder_after(codec, axes, samples):
     """Return a decoder in the state after all samples."""
     decoder = codec.decoder(axes)
     for t_us, _, position, payload, arrives, _ in samples:
@@ -219,27 +220,15 @@ def form_of(name, payload, axes):
 
 def document():
     """Return the whole content of the file."""
+    every_codec()  # loads those of the literature
     cases = [case(number, *each) for number, each in enumerate(CASES)]
     cases += [case(100 + axes, "least-squares", {"absolute_every": 8.0}, COARSE, axes, lost=(3, 9)) for axes in (1, 2)]
-    flat = {"weber_fraction": 0.0, "floor_n": 0.1}
-    cases += [
-        case(
-            110 + number,
-            "least-squares",
-            {"updates": 3.0, "step_fraction": fraction},
-            flat,
-            axes,
-            samples_of=ties(axes),
-        )
-        for number, (axes, fraction) in enumerate(((1, 0.5), (2, 0.5), (1, 0.8), (3, 0.8)))
-    ]
-    cases += [
-        case(120 + number, "motion-predictive", parameters, law, axes, samples_of=contact(axes, number))
-        for number, (parameters, law, axes) in enumerate(
-            ((parameters, law, axes) for parameters, law in (({}, {}), ({}, FINE)) for axes in (1, 2, 3))
-        )
-    ]
-    narrow = {"weber_fraction": 0.0, "floor_n": 0.01}
+    flat, narrow = ({"weber_fraction": 0.0, "floor_n": floor_n} for floor_n in (0.1, 0.01))
+    for number, (axes, fraction) in enumerate(((1, 0.5), (2, 0.5), (1, 0.8), (3, 0.8)), 110):
+        rare = {"updates": 3.0, "step_fraction": fraction}
+        cases.append(case(number, "least-squares", rare, flat, axes, samples_of=ties(axes)))
+    for number, (law, axes) in enumerate(itertools.product(({}, FINE), (1, 2, 3))):
+        cases.append(case(120 + number, "motion-predictive", {}, law, axes, samples_of=contact(axes, number)))
     cases += [case(130 + axes, "motion-predictive", {}, narrow, axes, samples_of=far(axes)) for axes in (1, 2, 3)]
     return {"protocol_version": 1, "note": NOTE, "cases": cases}
 

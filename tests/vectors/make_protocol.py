@@ -37,110 +37,59 @@ def packed(contents):
     return msgpack.packb(contents)
 
 
-DATAGRAMS = [
-    ("hello", "no cookie yet", HELLO, 0, 0, [NONCE, b"", packed(REQUEST), b""], REQUEST),
-    ("cookie", "the same nonce, and 16 bytes to send back", COOKIE, 0, 0, [NONCE, COOKIE_VALUE], None),
-    (
-        "hello with the cookie",
-        "all else is the same",
-        HELLO,
-        0,
-        0,
-        [NONCE, COOKIE_VALUE, packed(REQUEST), b""],
-        REQUEST,
-    ),
-    (
-        "hello that continues",
-        "with the ticket of an earlier session",
-        HELLO,
-        0,
-        0,
-        [NONCE + 1, COOKIE_VALUE, packed(CONTINUING), b""],
-        CONTINUING,
-    ),
-    ("welcome", "grants session 0xdeadbeef", WELCOME, SESSION, 0, [NONCE, packed(GRANT)], GRANT),
-    ("welcome that resumes", "goes on with a scene", WELCOME, SESSION + 1, 0, [NONCE + 1, packed(RESUMED)], RESUMED),
-    ("refuse", "", REFUSE, 0, 0, [NONCE, "unknown codec 'mp3'; there are: raw, deadband", 2], None),
-    (
-        "first position",
-        "0.02 m as float32; no force applied yet",
-        POSITION,
-        SESSION,
-        1,
-        [1000, None, number("3ca3d70a")],
-        None,
-    ),
-    ("first force", "0 N answers the position of 1000 us", FORCE, SESSION, 1, [1000, number("00000000")], None),
-    (
-        "position that acknowledges",
-        "0.021 m; FORCE 1 is applied",
-        POSITION,
-        SESSION,
-        2,
-        [2000, 1, number("3cac0831")],
-        None,
-    ),
-    (
-        "position that reports loss",
-        "0.021 m; KEEPALIVE 2 confirmed FORCE 1; 10 % are lost, and after 80 % of these the next one, too",
-        POSITION,
-        SESSION,
-        3,
-        [3000, 2, number("3cac0831"), 10, 80],
-        None,
-    ),
-    ("keepalive", "FORCE 1 still holds", KEEPALIVE, SESSION, 2, [46_000, 1], None),
-    (
-        "position with a velocity",
-        "0.021 m, moving at 0.1 m/s: float32, float16",
-        POSITION,
-        SESSION,
-        4,
-        [47_000, 2, number("3cac08312e66")],
-        None,
-    ),
+CONTINUED = [NONCE + 1, COOKIE_VALUE, packed(CONTINUING), b""]
+PLACE, BOUND = number("3cac0831"), number("43480000000000003ca3d70b3cf5c28f")
+ONE_NEWTON, DOUBLE, THREE_AXES = number("3f800000"), number("3fb999999999999a"), number("3f800000c000000040400000")
+LOST = "0.021 m; KEEPALIVE 2 confirmed FORCE 1; 10 % are lost, and after 80 % of these the next one, too"
+MOVING = "0.021 m, moving at 0.1 m/s: float32, float16"
+
+OPENING = [
+    ("hello", "no cookie yet", HELLO, 0, [NONCE, b"", packed(REQUEST), b""], REQUEST),
+    ("cookie", "the same nonce, and 16 bytes to send back", COOKIE, 0, [NONCE, COOKIE_VALUE], None),
+    ("hello with the cookie", "all else is the same", HELLO, 0, [NONCE, COOKIE_VALUE, packed(REQUEST), b""], REQUEST),
+    ("hello that continues", "with the ticket of an earlier session", HELLO, 0, CONTINUED, CONTINUING),
+    ("welcome", "grants session 0xdeadbeef", WELCOME, SESSION, [NONCE, packed(GRANT)], GRANT),
+    ("welcome that resumes", "goes on with a scene", WELCOME, SESSION + 1, [NONCE + 1, packed(RESUMED)], RESUMED),
+    ("refuse", "", REFUSE, 0, [NONCE, "unknown codec 'mp3'; there are: raw, deadband", 2], None),
+]
+"""Name, note, kind, session, fields, contents; the sequence is 0."""
+
+IN_SESSION = [
+    ("first position", "0.02 m as float32; no force applied yet", POSITION, 1, [1000, None, number("3ca3d70a")]),
+    ("first force", "0 N answers the position of 1000 us", FORCE, 1, [1000, number("00000000")]),
+    ("position that acknowledges", "0.021 m; FORCE 1 is applied", POSITION, 2, [2000, 1, PLACE]),
+    ("position that reports loss", LOST, POSITION, 3, [3000, 2, PLACE, 10, 80]),
+    ("keepalive", "FORCE 1 still holds", KEEPALIVE, 2, [46_000, 1]),
+    ("position with a velocity", MOVING, POSITION, 4, [47_000, 2, PLACE + number("2e66")]),
     (
         "force with a stiffness bound",
         "1 N; 200 N/m and no damping between 0.02 and 0.03 m",
         FORCE,
-        SESSION,
         5,
-        [47_000, number("3f800000"), number("43480000000000003ca3d70b3cf5c28f")],
-        None,
+        [47_000, ONE_NEWTON, BOUND],
     ),
     (
         "keepalive with a stiffness bound",
         "the scene cannot tell: every position is needed",
         KEEPALIVE,
-        SESSION,
         6,
         [48_000, 5, b""],
-        None,
     ),
     (
         "numbers about to wrap",
         "1 N; sequence and time stamp are followed by 0",
         FORCE,
-        SESSION,
         2**32 - 1,
-        [2**32 - 1, number("3f800000")],
-        None,
+        [2**32 - 1, ONE_NEWTON],
     ),
-    ("numbers that wrapped", "1.1 N", FORCE, SESSION, 0, [999, number("3f8ccccd")], None),
-    (
-        "force as float64",
-        "0.1 N where float32 is not within the threshold",
-        FORCE,
-        SESSION,
-        3,
-        [3000, number("3fb999999999999a")],
-        None,
-    ),
-    ("three axes", "1, -2, 3 N", FORCE, SESSION, 4, [4000, number("3f800000c000000040400000")], None),
-    ("close", "", CLOSE, SESSION, 70_000, ["done", 0], None),
-    ("notice", "the session goes on", NOTICE, SESSION, 70_000, ["this slave is about to stop", 8], None),
-    ("reset", "the body is empty", RESET, SESSION, 70_001, [], None),
+    ("numbers that wrapped", "1.1 N", FORCE, 0, [999, number("3f8ccccd")]),
+    ("force as float64", "0.1 N where float32 is not within the threshold", FORCE, 3, [3000, DOUBLE]),
+    ("three axes", "1, -2, 3 N", FORCE, 4, [4000, THREE_AXES]),
+    ("close", "", CLOSE, 70_000, ["done", 0]),
+    ("notice", "the session goes on", NOTICE, 70_000, ["this slave is about to stop", 8]),
+    ("reset", "the body is empty", RESET, 70_001, []),
 ]
+"""Name, note, kind, sequence, fields."""
 
 
 def datagram(kind, session, sequence, fields):
@@ -156,14 +105,16 @@ def datagram(kind, session, sequence, fields):
 
 def plain(value):
     """Return a value as JSON holds it."""
-    if isinstance(value, bytes):
-        return {"hex": value.hex()}
-    return [plain(each) for each in value] if isinstance(value, list) else value
+    if isinstance(value, bytes | bytearray):
+        return {"hex": bytes(value).hex()}
+    return [plain(each) for each in value] if isinstance(value, list | tuple) else value
 
 
 def document():
     entries = []
-    for name, note, kind, session, sequence, fields, contents in DATAGRAMS:
+    rows = [(*row[:4], 0, *row[4:]) for row in OPENING]
+    rows += [(*row[:3], SESSION, *row[3:], None) for row in IN_SESSION]
+    for name, note, kind, session, sequence, fields, contents in rows:
         data = datagram(kind, session, sequence, fields)
         entry = {"name": name, "note": note, "kind": NAMES[kind - 1], "session": session, "sequence": sequence}
         extra = {} if contents is None else {"contents": plain(contents)}

@@ -11,6 +11,19 @@ from pathlib import Path
 
 import msgpack
 
+from tests.vectors.make_protocol import (
+    CLOSE,
+    FORCE,
+    GRANT,
+    KEEPALIVE,
+    NOTICE,
+    ONE_NEWTON,
+    POSITION,
+    REQUEST,
+    SESSION,
+    TICKET,
+)
+
 FILE = Path(__file__).with_name("refused.json")
 
 NOTE = (
@@ -21,12 +34,7 @@ NOTE = (
     " the bytes of that field of a HELLO or WELCOME; the master's request is that of protocol.json."
 )
 
-SESSION = 0xDEADBEEF
-HELLO, WELCOME, REFUSE, POSITION, FORCE, KEEPALIVE, CLOSE, RESET, COOKIE, NOTICE = range(1, 11)
-TICKET = bytes(range(0x70, 0x80))
-PLACE, ONE_NEWTON = struct.pack(">f", 0.0205), struct.pack(">f", 1.0)
-REQUEST = ["deadband", {}, 0.05, 0.025, 1.0, 1000.0, 1, "surgeon", None, 5_000_000_000, False, 0.0]
-GRANT = [SESSION, 1000.0, 45_000, "paper:1", TICKET, False, False, 0.0]
+PLACE = struct.pack(">f", 0.0205)
 TOO_BIG = {"nil": None, "true": True, "-1": -1, "2^32": 2**32, "1.5": 1.5, "text": "1"}
 
 

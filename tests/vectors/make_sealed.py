@@ -11,6 +11,8 @@ import msgpack
 from cryptography.hazmat.primitives.asymmetric.x25519 import X25519PrivateKey
 
 from tests.protocol.sealed_peer import CLOSE, FORCE, HELLO, KEEPALIVE, KINDS, NOTICE, POSITION, Master, Slave, unpack
+from tests.vectors import make_protocol
+from tests.vectors.make_protocol import COOKIE_VALUE, GRANT, NONCE, plain
 
 FILE = Path(__file__).with_name("sealed.json")
 
@@ -20,14 +22,9 @@ NOTE = (
     " message in a HELLO or WELCOME carries. The keys 'to_slave' and 'to_master' are those of epochs 0 and 1."
 )
 
-SESSION = 0xDEADBEEF
-NONCE = 0x01020304
 EPOCH = 1 << 20
-COOKIE = bytes(range(0xC0, 0xD0))
 PAYLOAD = b"\x00" + bytes(8)
-TICKET = bytes(range(0x70, 0x80))
-REQUEST = ["deadband", {"step_n": 0.001}, 0.05, 0.025, 1.0, 1000.0, 1, "surgeon", None, 5_000_000_000, False, 0.0]
-GRANT = [SESSION, 1000.0, 45_000, "paper:1", TICKET, False, False, 0.0]
+REQUEST = ["deadband", {"step_n": 0.001}, *make_protocol.REQUEST[2:]]
 REFUSAL = [0, "every session is taken", 5]
 FROM_MASTER = [
     ("position", POSITION, 1, [123_456, None, PAYLOAD]),
@@ -71,17 +68,10 @@ def ends(grant):
     master = Master(
         KEYS["master_private"], slave_public, REQUEST, nonce=NONCE, psk=psk, ephemeral=KEYS["master_ephemeral"]
     )
-    slave = Slave(KEYS["slave_private"], slave_public, grant, cookie=COOKIE, psk=psk, ephemeral=KEYS["slave_ephemeral"])
+    slave = Slave(
+        KEYS["slave_private"], slave_public, grant, cookie=COOKIE_VALUE, psk=psk, ephemeral=KEYS["slave_ephemeral"]
+    )
     return master, slave
-
-
-def plain(value):
-    """Return a value as JSON holds it."""
-    if isinstance(value, (bytes, bytearray)):
-        return {"hex": bytes(value).hex()}
-    if isinstance(value, (list, tuple)):
-        return [plain(each) for each in value]
-    return value
 
 
 def shake_hands(grant):
