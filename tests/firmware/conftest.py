@@ -13,7 +13,7 @@ from hapticnet.device.calibration import Calibration
 from hapticnet.device.messages import Deframer, Hello, Message, decode, encode, frame
 from hapticnet.device.simulated import Finger, PlantSettings
 from hapticnet.device.wired import WiredDevice
-from hapticnet.runtime.nano import CYCLES_PER_US, Simavr, SimulatedNano, Step
+from hapticnet.runtime.nano import CYCLES_PER_US, Disturbance, Simavr, SimulatedNano, Step
 from tests.firmware.rig import FOUND_AND_PRESSED_MS, Rig
 
 
@@ -131,23 +131,40 @@ def nano(request: pytest.FixtureRequest, make_firmware: Callable[..., Path]) -> 
 
 
 @pytest.fixture
-def rig(simavr_files: tuple[Path, Path], make_firmware: Callable[..., Path]) -> Iterator[Callable[..., Rig]]:
-    """Return a factory of rigs for a finger's stiffness and other settings."""
+def simulated(simavr_files: tuple[Path, Path]) -> Iterator[Callable[..., SimulatedNano]]:
+    """Return a factory of simulated Nanos for the settings of the plant, a seed and a disturbance."""
     running: list[SimulatedNano] = []
 
     def make(
-        stiffness_n_m: float = 1000.0, *, hanging: bool = False, calibration: Calibration | None = None, seed: int = 1
-    ) -> Rig:
-        elf = make_firmware("test-firmware", "BAUD=500000") / "hanging.elf" if hanging else simavr_files[1]
-        build = (simavr_files[0], elf)
-        settings = PlantSettings(finger=Finger(stiffness_n_m=stiffness_n_m))
-        wired = WiredDevice(calibration) if calibration else None
-        running.append(SimulatedNano(settings, np.random.default_rng(seed), build=build, wired=wired))
-        return Rig(running[-1], build)
+        settings: PlantSettings | None = None,
+        *,
+        seed: int = 1,
+        build: tuple[Path, Path] = simavr_files,
+        wired: WiredDevice | None = None,
+        **disturbance: Any,
+    ) -> SimulatedNano:
+        rng, disturbed = np.random.default_rng(seed), Disturbance(**disturbance)
+        running.append(SimulatedNano(settings or PlantSettings(), rng, build=build, wired=wired, disturbance=disturbed))
+        return running[-1]
 
     yield make
-    for nano in running:
-        nano.close()
+    for each in running:
+        each.close()
+
+
+@pytest.fixture
+def rig(simavr_files: tuple[Path, Path], simulated: Any, make_firmware: Callable[..., Path]) -> Callable[..., Rig]:
+    """Return a factory of rigs for a finger's stiffness and other settings."""
+
+    def make(
+        stiffness_n_m: float = 1000.0, *, hanging: bool = False, calibration: Calibration | None = None, **others: Any
+    ) -> Rig:
+        elf = make_firmware("test-firmware", "BAUD=500000") / "hanging.elf" if hanging else simavr_files[1]
+        build, wired = (simavr_files[0], elf), WiredDevice(calibration) if calibration else None
+        settings = PlantSettings(finger=Finger(stiffness_n_m=stiffness_n_m))
+        return Rig(simulated(settings, build=build, wired=wired, **others), build)
+
+    return make
 
 
 @pytest.fixture

@@ -1,59 +1,31 @@
 """The force loop on the compiled firmware, with hysteresis, noise, backlash and threshold."""
 
-from collections.abc import Callable, Iterator
-from contextlib import closing, contextmanager
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
-from hapticnet.control.force_settings import ForceControlSettings
-from hapticnet.control.hold import LimitSettings
-from hapticnet.device.simulated import Finger, PlantSettings
-from hapticnet.experiment.step_response import StepFigures, step_figures
-from hapticnet.node.fingertip import DeviceFound, DeviceLost, Fingertip
+from hapticnet.experiment.step_response import step_figures
 from hapticnet.node.procedures import StepTest
-from hapticnet.node.recording import Recording
-from hapticnet.runtime.nano import Disturbance, SimulatedNano
+from tests.firmware.rig import MS
 
 FINGERS_N_M = (300.0, 600.0, 1000.0, 2000.0, 3000.0)
 FROM_N, TO_N = 0.4, 2.0
 
-Nanos = Callable[..., Any]
-
-
-@pytest.fixture
-def pressing(simavr_files: tuple[Path, Path]) -> Nanos:
-    """Return a factory of fingertips on a simulated Nano, as context managers."""
-
-    @contextmanager
-    def make(stiffness_n_m: float, *, seed: int = 0, **disturbance: Any) -> Iterator[tuple[Fingertip, SimulatedNano]]:
-        settings = PlantSettings(finger=Finger(stiffness_n_m=stiffness_n_m))
-        rng, disturbed = np.random.default_rng(seed), Disturbance(**disturbance)
-        with closing(SimulatedNano(settings, rng, build=simavr_files, disturbance=disturbed)) as nano:
-            yield Fingertip(nano, LimitSettings(), ForceControlSettings()), nano
-
-    return make
-
-
-def step(pressing: Nanos, stiffness_n_m: float, seed: int) -> tuple[Recording, StepFigures]:
-    """Step at a phase of the servo frame that depends on the seed; return the figures of the true force."""
-    with pressing(stiffness_n_m, seed=seed) as (fingertip, _):
-        test = StepTest(fingertip, from_n=FROM_N, to_n=TO_N, before_us=2_000_000 + 7_000 * seed, after_us=1_500_000)
-        now_us = 0
-        while not test.tick(now_us):
-            now_us += 1_000
-    assert test.step_us is not None
-    columns = test.recording.table()
-    t_s = (columns["t_us"] - test.step_us) * 1e-6
-    return test.recording, step_figures(t_s, columns["true_n"], at_s=0.0, from_n=FROM_N, to_n=TO_N)
-
 
 @pytest.mark.parametrize("seed", range(2))
 @pytest.mark.parametrize("stiffness_n_m", FINGERS_N_M)
-def test_the_step_response_meets_its_requirements(pressing: Nanos, stiffness_n_m: float, seed: int) -> None:
-    _, figures = step(pressing, stiffness_n_m, seed)
+def test_the_step_response_meets_its_requirements(rig: Any, stiffness_n_m: float, seed: int) -> None:
+    fingertip = rig(stiffness_n_m, seed=seed).fingertip
+    # The step is at a phase of the servo frame that depends on the seed.
+    test = StepTest(fingertip, from_n=FROM_N, to_n=TO_N, before_us=2_000_000 + 7_000 * seed, after_us=1_500_000)
+    now_us = 0
+    while not test.tick(now_us):
+        now_us += MS
+    assert test.step_us is not None
+    columns = test.recording.table()
+    t_s = (columns["t_us"] - test.step_us) * 1e-6
+    figures = step_figures(t_s, columns["true_n"], at_s=0.0, from_n=FROM_N, to_n=TO_N)
     assert figures.rise_s is not None
     assert 0.03 < figures.rise_s <= 0.2
     assert figures.overshoot <= 0.05
@@ -70,58 +42,30 @@ def test_the_step_response_meets_its_requirements(pressing: Nanos, stiffness_n_m
 @pytest.mark.parametrize(("delay_ms", "loss"), [(0, 0.0), (10, 0.0), (20, 0.0), (40, 0.0), (0, 0.3), (40, 0.3)])
 @pytest.mark.parametrize("stiffness_n_m", FINGERS_N_M[::2])
 def test_delay_and_loss_cause_no_limit_cycle_and_no_force_above_the_device_limit(
-    pressing: Nanos, stiffness_n_m: float, delay_ms: int, loss: float
+    rig: Any, stiffness_n_m: float, delay_ms: int, loss: float
 ) -> None:
-    true_n = []
-    with pressing(stiffness_n_m, delay_us=1_000 * delay_ms, loss=loss) as (fingertip, nano):
-        for ms in range(6_500):
-            fingertip.press(FROM_N if ms < 2_200 else 5.0, 1_000 * ms)
-            true_n.append(nano.contact_force_n)
+    made = rig(stiffness_n_m, seed=0, delay_us=MS * delay_ms, loss=loss)
+    true_n = made.press(FROM_N, 2_200) + made.press(5.0, 4_300)
     assert 4.2 < max(true_n) <= 5.0
     # A servo may make a last step or move due to jitter of its pulse; a cycle would be larger, in every second.
     moved_n = np.ptp(np.array(true_n[-2_000:]).reshape(2, 1_000), axis=1)
     assert min(moved_n) <= 0.05
 
 
-def test_a_device_unplugged_during_a_run_starts_over_when_it_is_back(pressing: Nanos) -> None:
-    true_n, displacement_m = [], []
-    with pressing(1000.0) as (fingertip, nano):
-        for ms in range(6_000):
-            if ms == 2_500:
-                nano.pull_plug(1_000 * ms)
-            if ms == 2_800:
-                nano.plug_in(1_000 * ms)
-            fingertip.press(TO_N, 1_000 * ms)
-            true_n.append(nano.contact_force_n)
-            displacement_m.append(fingertip.displacement_m)
-        assert nano.board.resets == 0
-        events = [fingertip.next_event() for _ in range(4)]
-    assert [type(event) for event in events] == [DeviceFound, DeviceLost, DeviceFound, type(None)]
-    assert true_n[2_499] == pytest.approx(TO_N, abs=0.1)
-    assert true_n[2_750] == 0.0
-    back = np.array(displacement_m[2_800:])
-    speeds_m_s = np.diff(back[:150:10]) / 0.01
-    assert back[0] == 0.0
-    assert 0.0 < speeds_m_s.max() <= ForceControlSettings().approach_speed_m_s + 1e-9
-    assert max(true_n[2_800:]) <= TO_N + 0.2
-    assert true_n[-1] == pytest.approx(TO_N, abs=0.1)
-
-
 @pytest.mark.parametrize("stiffness_n_m", [300.0, 1000.0, 3000.0])
 def test_what_is_foretold_is_rendered_without_overshoot_and_a_breach_is_felt_earlier(
-    pressing: Nanos, stiffness_n_m: float
+    rig: Any, stiffness_n_m: float
 ) -> None:
     def force_n(ms: int) -> float:
         return min(3.0, 0.012 * max(ms - 2_500, 0)) if ms < 3_200 else 0.0
 
     def felt(lead_ms: int) -> tuple[float, float]:
         """Return the largest force [N], and the root mean square error from shortly before the breach [N]."""
-        true_n = []
-        with pressing(stiffness_n_m) as (fingertip, nano):
-            for ms in range(3_500):
-                target_n = 1.0 if 200 <= ms < 2_000 else force_n(ms)
-                fingertip.press(target_n, ms * 1_000, force_n(ms + lead_ms) if ms >= 2_400 else None)
-                true_n.append(nano.contact_force_n)
+        made, true_n = rig(stiffness_n_m, seed=0), []
+        for ms in range(3_500):
+            target_n = 1.0 if 200 <= ms < 2_000 else force_n(ms)
+            made.fingertip.press(target_n, MS * ms, force_n(ms + lead_ms) if ms >= 2_400 else None)
+            true_n.append(made.nano.contact_force_n)
         late_n = np.array(true_n[2_400:])
         target = np.array([force_n(ms) for ms in range(2_400, 3_500)])
         return float(late_n.max()), float(np.sqrt(np.mean((late_n - target)[700:] ** 2)))

@@ -1,11 +1,8 @@
 """The compiled firmware, the host's end of the line and the plant, in lockstep and virtual time."""
 
 import math
-from collections.abc import Callable, Iterator
-from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pytest
 
 from hapticnet.device.base import Reading
@@ -18,24 +15,6 @@ BOOT_AND_GREET_US = 150 * MS
 QUIET = PlantSettings(sensor=Sensor(noise_counts=0.0))
 
 Readings = list[Reading | None]
-
-
-@pytest.fixture
-def simulated(simavr_files: tuple[Path, Path]) -> Iterator[Callable[..., SimulatedNano]]:
-    """Return a factory of simulated Nanos."""
-    running: list[SimulatedNano] = []
-
-    def make(settings: PlantSettings | None = None, *, seed: int = 1, **disturbance: Any) -> SimulatedNano:
-        rng = np.random.default_rng(seed)
-        made = SimulatedNano(
-            settings or PlantSettings(), rng, build=simavr_files, disturbance=Disturbance(**disturbance)
-        )
-        running.append(made)
-        return made
-
-    yield make
-    for each in running:
-        each.close()
 
 
 def play(nano: SimulatedNano, displacement_m: float, start_us: int, end_us: int, step_us: int = MS) -> Readings:
@@ -130,22 +109,6 @@ def test_an_invalid_displacement_retracts(simulated: Any, displacement_m: float)
     assert nano.contact_force_n > 1.5
     assert play(nano, displacement_m, 601 * MS, 1_000 * MS)[-1] is not None
     assert nano.contact_force_n == 0.0
-
-
-def test_unplugging_retracts_and_is_detected_at_once(simulated: Any) -> None:
-    nano = simulated()
-    play(nano, 0.004, 0, 600 * MS)
-    nano.pull_plug(600 * MS)
-    assert play(nano, 0.004, 601 * MS, 780 * MS) == [None] * 180
-    assert nano.status == "unplugged"
-    assert nano.contact_force_n > 1.5
-    play(nano, 0.004, 781 * MS, 1_000 * MS)
-    assert nano.contact_force_n == 0.0
-    nano.plug_in(1_000 * MS)
-    play(nano, 0.004, 1_001 * MS, 2_000 * MS)
-    assert nano.status == "ready"
-    assert nano.contact_force_n > 1.5
-    assert nano.board.resets == 0
 
 
 def test_a_device_unplugged_before_the_first_exchange_stays_unplugged(simulated: Any) -> None:

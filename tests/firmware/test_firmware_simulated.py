@@ -91,33 +91,6 @@ def test_no_interrupt_waits_longer_than_two_byte_times(nano: Any) -> None:
     assert 0 < step.latency_cycles / CYCLES_PER_US <= TWO_BYTES_US
 
 
-def test_a_jump_of_the_setpoint_is_followed_in_steps(nano: Any) -> None:
-    device = nano()
-    device.boot_and_greet()
-    device.pulses.clear()
-    drive(device, 20, 4000, 4000, 4000)
-    widths_us = [pulse.width_us for pulse in device.pulses if pulse.servo == 2]
-    assert widths_us[-1] == near(2000)
-    for before, after in pairwise(widths_us):
-        assert after - before <= 60 + EDGE_ERROR_US
-
-
-@pytest.mark.parametrize("phase_us", range(0, 20_000, 1_700))
-def test_a_silent_host_retracts_all_servos_within_220_ms(nano: Any, phase_us: int) -> None:
-    device = nano()
-    device.boot_and_greet()
-    drive(device, 12, 3600, 3600, 3600)
-    device.advance(phase_us, Setpoint(1, 3600, 3600, 3600))
-    device.advance(1_000, Setpoint(2, 3600, 3600, 3600))
-    silent_since_us = device.now_us
-    device.advance(400_000)
-    for servo in range(3):
-        mine = [pulse for pulse in device.pulses if pulse.servo == servo]
-        released = next(pulse for pulse in mine if pulse.start_us > silent_since_us and pulse.width_us < 1700)
-        assert released.width_us == near(RETRACTED_US)
-        assert 180_000 < released.end_us - silent_since_us < 220_000
-
-
 @pytest.mark.parametrize("sequence", [HANG, HANG + 1, HANG + 2], ids=["main loop", "all of it", "servo frames"])
 @pytest.mark.parametrize("phase_us", [0, 6_000, 13_000])
 def test_hung_firmware_is_reset_and_retracts_within_150_ms(nano: Any, sequence: int, phase_us: int) -> None:
@@ -175,14 +148,6 @@ def test_the_default_build_is_that_of_the_checkout(monkeypatch: pytest.MonkeyPat
 def test_a_step_too_large_for_the_harness_is_refused(nano: Any, duration_us: int, data: bytes) -> None:
     with pytest.raises(SettingsError, match=r"between 0 and 10000000|the limit is 65535"):
         nano().simavr.advance(duration_us, data=data)
-
-
-def test_a_harness_that_ends_is_reported(nano: Any) -> None:
-    device = nano()
-    device.simavr._process.kill()
-    device.simavr._process.wait()
-    with pytest.raises(UnavailableError, match="simulator ended with code -9"):
-        device.advance(1_000)
 
 
 def test_readings_are_the_mean_of_the_last_millisecond(nano: Any) -> None:

@@ -1,5 +1,3 @@
-import math
-
 import numpy as np
 import pytest
 from hypothesis import given
@@ -21,18 +19,18 @@ def table_of(tmp_path):
     return read
 
 
-def test_columns_are_read_by_name_and_by_number_from_0(table_of):
-    content = "t_s,force_n\n0,1.5\n0.001,-2e-3\n"
-    assert table_of(content) == {"t_s": [0.0, 0.001], "force_n": [1.5, -0.002]}
-    assert table_of(content, ["1"]) == {"1": [1.5, -0.002]}
-
-
-def test_a_file_without_a_header_has_its_columns_numbered(table_of):
-    assert table_of("1,2\n3,4\n") == {"0": [1.0, 3.0], "1": [2.0, 4.0]}
-
-
-def test_a_name_takes_precedence_over_a_number(table_of):
-    assert table_of("1,a\n5,6\n", ["1"]) == {"1": [5.0]}
+@pytest.mark.parametrize(
+    ("content", "columns", "expected"),
+    [
+        ("t_s,force_n\n0,1.5\n0.001,-2e-3\n", None, {"t_s": [0.0, 0.001], "force_n": [1.5, -0.002]}),
+        ("1,2\n3,4\n", ["1"], {"1": [2.0, 4.0]}),
+        ("1,a\n5,6\n", ["1"], {"1": [5.0]}),
+        ("a,a\n1,2\n", ["1"], {"1": [2.0]}),
+        ('t_s,state,force_n\n0,"free, far",0\n1,contact,2\n', ["force_n"], {"force_n": [0.0, 2.0]}),
+    ],
+)
+def test_columns_are_read_by_name_or_else_by_number_from_0(table_of, content, columns, expected):
+    assert table_of(content, columns) == expected
 
 
 @pytest.mark.parametrize(
@@ -56,22 +54,10 @@ def test_a_name_takes_precedence_over_a_number(table_of):
         b"# a b\n1 2\n3 4\n",
         b"%a,b\n1,2\n3,4\n",
     ],
-    ids=[
-        "BOM", "CRLF", "CR", "comments", "percent comments", "blank lines", "spaces", "quotes", "UTF-8", "UTF-16",
-        "semicolons", "tabs", "white space", "trailing separators", "trailing separators in rows",
-        "savetxt", "rostopic",
-    ],
-)  # fmt: skip
+)
 def test_the_forms_that_programs_write_are_read(table_of, content):
     table = table_of(content, ["a", "b"])
     assert table == {"a": [1.0, 3.0], "b": [2.0, 4.0]}
-
-
-def test_text_columns_are_ignored_until_they_are_asked_for(table_of):
-    content = 't_s,state,force_n\n0,"free, far",0\n1,contact,2\n'
-    assert table_of(content, ["force_n"]) == {"force_n": [0.0, 2.0]}
-    with pytest.raises(FileError, match=r'file\.csv, line 2, column "state": "free, far" is not a finite number'):
-        table_of(content, ["state"])
 
 
 @pytest.mark.parametrize(
@@ -88,16 +74,12 @@ def test_the_first_bad_cell_is_named_by_line_and_column(table_of, cell, clean_ro
     ("content", "message"),
     [
         ("", "the file has no data"),
-        ("\n# only a comment\n", "the file has no data"),
         ("a,b\n", "there are no rows under the header"),
         ("a,b\n1,2\n3\n", "line 3: 1 cells; the first line has 2"),
         ("a,b\n1,2,3\n", "line 2: 3 cells; the first line has 2"),
-        ("1,2\n3,4,5\n", "line 2: 3 cells; the first line has 2"),
-        ("a\tb\n1\t2\n3\n", "line 3: 1 cells; the first line has 2"),
         ("a;b\n" + "1;2\n" * 200 + "3\n", "line 202: 1 cells; the first line has 2"),
         ('a\n1\n"2\n3\n', 'line 3.*"2'),
         ('a,b\n1,1\n2,"2\n3,3\n', "line 3: a quote is opened and not closed"),
-        ('a,b\n"1\n3",4\n5,6\n', "line 2: a quote is opened and not closed"),
         ("a,b\n" + "1,2\n" * 200 + '"1\n3",4\n5,6\n', "line 202: a quote is opened and not closed"),
         ("a;b\n1;" + "x" * 200_000, "line 2: field larger than field limit"),
         ("a\n" + "1" * 2_000_000, "a line is longer than 1048576 characters"),
@@ -121,30 +103,29 @@ def test_a_malformed_file_is_refused_with_the_line(table_of, content, message):
         ("a;b\n" + "1;2\n" * 200 + "1;2,5\n", {"a": [1.0] * 201, "b": [2.0] * 200 + [2.5]}),
         ("1,5\n2,25\n", {"0": [1.0, 2.0], "1": [5.0, 25.0]}),
     ],
-    ids=["semicolon", "tab", "white space", "one column", "late", "without a header commas separate"],
 )
 def test_decimal_commas_are_read_where_commas_do_not_separate(table_of, content, expected):
     assert table_of(content) == expected
 
 
 def test_a_file_that_cannot_be_read_is_named(tmp_path):
-    with pytest.raises(FileError, match=r"none\.csv: No such file"):
-        read_csv(tmp_path / "none.csv")
-    with pytest.raises(FileError, match="is a directory"):
-        read_csv(tmp_path)
+    for path, fault in ((tmp_path / "none.csv", r"none\.csv: No such file"), (tmp_path, "is a directory")):
+        with pytest.raises(FileError, match=fault):
+            read_csv(path)
 
 
-def test_a_missing_column_lists_what_there_is(table_of):
-    with pytest.raises(FileError, match='no column "fx"; there are t_s, force_n'):
-        table_of("t_s,force_n\n1,2\n", ["fx"])
-    with pytest.raises(FileError, match=r'no column "2".*numbers 0 to 1'):
-        table_of("t_s,force_n\n1,2\n", ["2"])
-
-
-def test_a_name_that_occurs_twice_is_ambiguous(table_of):
-    with pytest.raises(FileError, match='2 columns are called "a"'):
-        table_of("a,a\n1,2\n", ["a"])
-    assert table_of("a,a\n1,2\n", ["1"]) == {"1": [2.0]}
+@pytest.mark.parametrize(
+    ("content", "column", "message"),
+    [
+        ("t_s,force_n\n1,2\n", "fx", 'no column "fx"; there are t_s, force_n'),
+        ("t_s,force_n\n1,2\n", "2", r'no column "2".*numbers 0 to 1'),
+        ("a,a\n1,2\n", "a", '2 columns are called "a"'),
+        ('a\n"free, far"\n', "a", r'file\.csv, line 2, column "a": "free, far" is not a finite number'),
+    ],
+)
+def test_a_column_that_is_not_one_of_numbers_is_refused(table_of, content, column, message):
+    with pytest.raises(FileError, match=message):
+        table_of(content, [column])
 
 
 @given(rows=st.lists(st.tuples(finite, finite), min_size=1))
@@ -155,10 +136,7 @@ def test_what_is_written_is_read_back_bit_for_bit(tmp_path_factory, rows):
     table = read_csv(path)
     assert list(table) == ["t_s", "force, N"]
     for name, written in (("t_s", first), ("force, N", second)):
-        read = table[name].tolist()
-        assert [(value, math.copysign(1.0, value)) for value in read] == [
-            (value, math.copysign(1.0, value)) for value in written
-        ]
+        assert table[name].tobytes() == np.array(written).tobytes()
 
 
 @given(
@@ -198,12 +176,9 @@ def test_any_text_gives_finite_columns_or_a_file_error(tmp_path_factory, text):
     assert len(columns[0]) == len(kept) - 1, "no line is merged or lost"
 
 
-def test_a_folder_that_does_not_exist_is_refused_when_writing(tmp_path):
+def test_a_table_that_cannot_be_written_is_refused(tmp_path):
     with pytest.raises(FileError, match="No such file"):
         write_csv(tmp_path / "none" / "out.csv", {"a": [1.0]})
-
-
-def test_columns_of_unequal_length_are_refused(tmp_path):
     with pytest.raises(ValueError, match="unequal length"):
         write_csv(tmp_path / "out.csv", {"a": [1.0, 2.0], "b": [1.0]})
     assert not (tmp_path / "out.csv").exists()

@@ -37,11 +37,22 @@ from tests.recordings.session_cases import (
 )
 
 TICKS = 400
+FEW_FACTS = '{"side": "master", "unix_offset_us": 0}'
 
 
 @pytest.fixture(params=SUFFIXES)
 def suffix(request):
     return request.param
+
+
+def read_of(tmp_path, suffix="", events="[]", **arrays):
+    """Return what is read of arrays in a NumPy archive, or after an export to another format."""
+    np.savez(tmp_path / "a.npz", **({"about": FEW_FACTS, "events": events, "t_us": np.arange(5)} | arrays))
+    session = read_session(tmp_path / "a.npz")
+    if not suffix:
+        return session
+    export(session, tmp_path / f"out{suffix}")
+    return read_session(tmp_path / f"out{suffix}")
 
 
 @pytest.mark.parametrize("axes", [1, 3])
@@ -80,13 +91,10 @@ def test_the_public_reader_decodes_every_message_of_an_mcap_file(tmp_path):
     with path.open("rb") as file:
         reader = make_reader(file, validate_crcs=True, decoder_factories=[DecoderFactory()])
         summary = reader.get_summary()
-        messages = [
-            (channel.topic, message, decoded) for _, channel, message, decoded in reader.iter_decoded_messages()
-        ]
+        messages = [(channel.topic, *found) for _, channel, *found in reader.iter_decoded_messages()]
         metadata = {record.name: record.metadata for record in reader.iter_metadata()}
-    assert sorted(channel.topic for channel in summary.channels.values()) == [
-        "/master/datagram", "/master/event", "/master/tick",
-    ]  # fmt: skip
+    topics = sorted(channel.topic for channel in summary.channels.values())
+    assert topics == ["/master/datagram", "/master/event", "/master/tick"]
     ticks = [(message, decoded) for topic, message, decoded in messages if topic == "/master/tick"]
     decoded = np.array([[getattr(tick, name) for name in master_columns(1)] for _, tick in ticks])
     np.testing.assert_array_equal(decoded, rows["tick"])
@@ -94,12 +102,9 @@ def test_the_public_reader_decodes_every_message_of_an_mcap_file(tmp_path):
     logs = [(message, log) for topic, message, log in messages if topic == "/master/event"]
     assert [(message.log_time // 1000 - OFFSET_US, log.name, log.message) for message, log in logs] == EVENTS
     assert all(log.timestamp.ToNanoseconds() == message.log_time for message, log in logs)
-    assert {type(log).DESCRIPTOR.fields_by_name["level"].enum_type.values[log.level].name for _, log in logs} == {
-        "INFO"
-    }
-    assert {summary.schemas[channel.schema_id].name for channel in summary.channels.values()} == {
-        "hapticnet.Tick", "hapticnet.Datagram", "foxglove.Log",
-    }  # fmt: skip
+    assert {log.level for _, log in logs} == {list(LEVELS).index("INFO")}
+    schemas = {summary.schemas[channel.schema_id].name for channel in summary.channels.values()}
+    assert schemas == {"hapticnet.Tick", "hapticnet.Datagram", "foxglove.Log"}
     assert json.loads(metadata["hapticnet"]["asked_at_start"]) == ABOUT["asked_at_start"]
     assert json.loads(metadata["hapticnet.report"]["report"]) == {"ticks": TICKS}
 
@@ -109,9 +114,8 @@ def test_the_descriptor_is_one_that_protobuf_reads():
     files = FileDescriptorSet.FromString(row_descriptor("Step", columns, ("i8", "f8", "i4"))).file
     (message,) = files[0].message_type
     assert (files[0].package, message.name, files[0].syntax) == ("hapticnet", "Step", "proto3")
-    assert [(field.name, field.number, field.type) for field in message.field] == [
-        ("t_us", 1, 16), ("force_x_n", 2, 1), ("breaches", 3, 15),
-    ]  # fmt: skip
+    fields = [(field.name, field.number, field.type) for field in message.field]
+    assert fields == [("t_us", 1, 16), ("force_x_n", 2, 1), ("breaches", 3, 15)]
     assert [varint(number) for number in (0, 127, 128, 300)] == [b"\0", b"\x7f", b"\x80\1", b"\xac\2"]
 
 
@@ -140,9 +144,8 @@ def test_an_event_that_is_cut_off_is_refused():
 
 def test_csv_has_datagrams_events_and_configuration_beside_it(tmp_path):
     write_session(tmp_path / "run.csv", ticks=10)
-    assert sorted(file.name for file in tmp_path.iterdir()) == [
-        "run.about.json", "run.csv", "run.datagrams.csv", "run.events.csv",
-    ]  # fmt: skip
+    names = sorted(file.name for file in tmp_path.iterdir())
+    assert names == ["run.about.json", "run.csv", "run.datagrams.csv", "run.events.csv"]
     assert (tmp_path / "run.csv").read_text().splitlines()[1].startswith("1000000,"), "times are whole numbers"
 
 
@@ -207,15 +210,6 @@ def test_what_a_chunk_unpacks_to_is_bounded_before_it_is_unpacked(tmp_path, comp
         tracemalloc.stop()
 
 
-def test_more_events_than_the_limit_are_refused(tmp_path, monkeypatch):
-    monkeypatch.setattr(session_module, "MOST_EVENTS", 10_000)
-    event = pack_log(1, "INFO", "", "")
-    message = b"\x05" + (22 + len(event)).to_bytes(8, "little") + b"\x03" + bytes(21) + event
-    mcap_with_chunks(tmp_path / "run.mcap", (message * 20_000, "zstd", None))
-    with pytest.raises(FileError, match="more than 10,000 events, which is the limit"):
-        read_session(tmp_path / "run.mcap")
-
-
 def mcap_record(code, body):
     return bytes([code]) + len(body).to_bytes(8, "little") + body
 
@@ -238,7 +232,6 @@ def channel_record(number, types):
         mcap_record(5, bytes(30)) + mcap_record(99, b""),
         channel_record(9, b"f8," * 2**20 + b"f8"),
     ],
-    ids=["empty messages", "empty channels", "unknown records", "an unknown record", "a long description"],
 )
 def test_a_chunk_with_other_records_than_the_format_has_is_damaged_as_a_whole(tmp_path, contents):
     mcap_with_chunks(tmp_path / "run.mcap", (contents, "zstd", None))
@@ -283,7 +276,6 @@ def test_recovery_unpacks_a_bounded_multiple_of_the_file(tmp_path, monkeypatch):
         recover_file(tmp_path / "run.mcap")
 
 
-@pytest.mark.parametrize("suffix", SUFFIXES)
 def test_events_and_json_of_every_format_are_limited_because_they_grow_in_memory(tmp_path, monkeypatch, suffix):
     path = tmp_path / f"run{suffix}"
     write_session(path, ticks=10)
@@ -301,16 +293,11 @@ def test_events_and_json_of_every_format_are_limited_because_they_grow_in_memory
                     read_session(path)
 
 
-@pytest.mark.parametrize("suffix", SUFFIXES)
 @pytest.mark.filterwarnings("error")
 def test_whole_numbers_out_of_range_end_at_what_the_type_can_hold(tmp_path, suffix):
-    rows = {"t_us": np.arange(5), "datagram_bytes": np.array([1e300, -1e300, np.inf, -np.inf, 7.0])}
-    about, events = json.dumps({"side": "master", "unix_offset_us": 0}), "[]"
-    np.savez(tmp_path / "a.npz", about=about, events=events, **rows)
-    export(read_session(tmp_path / "a.npz"), tmp_path / f"out{suffix}")
+    found = read_of(tmp_path, suffix, datagram_bytes=np.array([1e300, -1e300, np.inf, -np.inf, 7.0]))
     most, least = 2**31 - 1, -(2**31)
-    found = read_session(tmp_path / f"out{suffix}").main["datagram_bytes"]
-    assert found.tolist() == [most, least, most, least, 7]
+    assert found.main["datagram_bytes"].tolist() == [most, least, most, least, 7]
 
 
 @pytest.mark.parametrize("kind", ["i4", "i8"])
@@ -322,19 +309,14 @@ def test_the_largest_whole_numbers_are_kept(kind):
     assert values[3] == values[0]
 
 
-@pytest.mark.parametrize("suffix", SUFFIXES)
 def test_half_a_character_in_facts_and_events_is_replaced(tmp_path, suffix):
-    about = '{"side": "master", "unix_offset_us": 0, "a": "\\ud800 \\ud83d\\ude00"}'
-    np.savez(tmp_path / "a.npz", about=about, events='[[1, "\\udfff", "{}"]]', t_us=np.arange(5))
-    export(read_session(tmp_path / "a.npz"), tmp_path / f"out{suffix}")
-    session = read_session(tmp_path / f"out{suffix}")
+    about = FEW_FACTS[:-1] + ', "a": "\\ud800 \\ud83d\\ude00"}'
+    session = read_of(tmp_path, suffix, about=about, events='[[1, "\\udfff", "{}"]]')
     assert session.about["a"] == "? \U0001f600"
     assert session.events[0].name == "?"
 
 
 @pytest.mark.parametrize("name", ["../../x", "a/b", ".", "x\x1b", "x" * 100])
 def test_a_table_whose_name_is_no_word_is_damage(tmp_path, name):
-    about = json.dumps({"side": "master", "unix_offset_us": 0})
-    np.savez(tmp_path / "a.npz", about=about, events="[]", t_us=np.arange(5), **{f"{name}.t_us": np.arange(5)})
     with pytest.raises(FileError, match="is no name of a table"):
-        read_session(tmp_path / "a.npz")
+        read_of(tmp_path, **{f"{name}.t_us": np.arange(5)})
