@@ -193,10 +193,7 @@ def open_in_place(path: Path, flags: int = 0) -> int:
 
 @contextmanager
 def locked(path: Path, busy: HapticnetError) -> Iterator[None]:
-    """Hold the lock of a file until this process ends at the latest; raise `busy` if another process holds it.
-
-    The file is created if it is missing. Raises FileError as `open_in_place`.
-    """
+    """Hold the lock of a file, made if missing, until this process ends; raise `busy` if another process holds it."""
     descriptor = open_in_place(path)
     try:
         try:
@@ -255,7 +252,6 @@ def make_folder(path: Path) -> None:
 
 
 def _part(path: Path) -> Path:
-    """Return the name of the temporary file beside a file."""
     return path.with_name(f".{path.name}.{os.getpid()}{PART}")
 
 

@@ -53,10 +53,7 @@ def option_of(annotation: Any) -> Option | None:
 
 
 def check_options(owner: Any) -> None:
-    """Check every field of a dataclass that declares a setting.
-
-    Raise SettingsError if a value is out of range, or none of the choices.
-    """
+    """Raise SettingsError if a field of a dataclass that declares a setting is out of range, or none of the choices."""
     for name, field in owner.__dataclass_fields__.items():
         if (option := option_of(field.type)) is None:
             continue
@@ -80,7 +77,6 @@ def described(owner: type[Owner]) -> type[Owner]:
 
 
 def _text(annotation: Any) -> str:
-    """Return the type in an annotation as one would write it."""
     kind = annotation.__origin__
     return kind.__name__ if isinstance(kind, type) else re.sub(r"\b(?:\w+\.)+", "", str(kind))
 

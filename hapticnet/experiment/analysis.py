@@ -84,11 +84,7 @@ class BytesPerPenetration:
 
 
 def bytes_per_penetration(slave: Columns, *, contacts: bool = False) -> BytesPerPenetration:
-    """Return the cost of every penetration in a slave's recording.
-
-    A penetration starts after the last sample without force or after the previous breach, and ends with the breach.
-    With `contacts`, count contacts instead, from the first sample with a force to the last: nothing breaches bodies.
-    """
+    """Return the cost of every penetration in a slave's recording, or of every contact; see `spent_until`."""
     datagrams = slave["datagram_bytes"]
     wire = np.where(datagrams > 0, datagrams + UDP_IPV4_HEADER_BYTES, 0.0)
     force = vectors(slave, "force", "n")
@@ -124,10 +120,7 @@ def spent_until(
 
 
 def felt_error(law: WeberLaw, slave: Columns, master: Columns) -> ErrorReport:
-    """Compare the force held at each tick with the true force at the position of the same time.
-
-    Unlike the error of the codec, this includes the round trip and every packet that was lost or late.
-    """
+    """Compare the force held at each tick with the true force at the position of the same time, delays included."""
     at_slave, at_master = matched(slave, master)
     return error_report(law, vectors(slave, "force", "n")[at_slave], vectors(master, "held", "n")[at_master])
 

@@ -39,10 +39,7 @@ DELAY_US: Final = 25_000
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Limits:
-    """The fewest packets that any encoder needs on one recording under one law; see `measure.bound`.
-
-    On two and three axes these are lower bounds.
-    """
+    """The fewest packets that any encoder needs (on several axes: lower bounds) under one law; see `measure.bound`."""
 
     holds: int  # with a zero-order hold
     lines: int  # with straight lines
@@ -123,8 +120,6 @@ def compare(
 
 
 class _Shared(NamedTuple):
-    """What every process of a comparison has."""
-
     trials: Sequence[Trial]
     codecs: Sequence[Codec]
     seed: int
@@ -151,10 +146,7 @@ def felt_report(
     repair_us: int,
     rng: np.random.Generator,
 ) -> tuple[Felt, ErrorReport, float | None]:
-    """Return what is applied over a network, its errors against the true force of each tick, and the energy created.
-
-    The energy is a share, and None without positions. See `node.closed_loop.simulate_link`.
-    """
+    """Return what is applied over a network, its errors, and the share of energy created; see `simulate_link`."""
     felt = simulate_link(
         codec,
         trial.t_us,

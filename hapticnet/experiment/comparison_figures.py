@@ -178,10 +178,7 @@ def _lines(
 
 
 def _without_raw(shown: Sequence[Block], key: str, factor: float, unit: str) -> str:
-    """Return a line that gives the figures of raw, which is not drawn; "" if it was not compared.
-
-    Raw runs once, whatever the thresholds, so at several there is no figure over the optimum of each.
-    """
+    """Return a line that gives the figures of raw, which is not drawn; "" if it was not compared."""
     values = [factor * line.values[key] for block in shown for line in block.lines if line.codec == "raw"]
     if not values:
         return ""
@@ -192,7 +189,6 @@ def _without_raw(shown: Sequence[Block], key: str, factor: float, unit: str) -> 
 
 
 def _finish(figure: Any, axes: Any, shown: Sequence[Block], swept: str, left_out: str) -> None:
-    """Add the legend, and what the figure shows and what it leaves out."""
     legend(figure, axes, below=False, handlelength=3.6, labelspacing=0.7)
     values = sorted({getattr(block.settings, swept) for block in shown})
     ends = f"{values[0]:g} to {values[-1]:g}"

@@ -141,10 +141,7 @@ def print_rows(rows: Sequence[Row], trials: Sequence[Trial], width: int | None =
 
 
 def latex_of(rows: Sequence[Row], origin: Sequence[str] = ()) -> str:
-    """Return booktabs tables: of the means if there are several recordings, else of the only one.
-
-    `origin` are lines of comment at the top; see `provenance.provenance_lines`.
-    """
+    """Return booktabs tables: of the means, or of the only recording; `origin` are lines of comment at the top."""
     single = blocks(rows)
     shown = means(single) or single
     columns = [column for column in COLUMNS if column.in_papers]

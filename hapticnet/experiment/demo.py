@@ -101,10 +101,7 @@ def disturbances(played: list[Played]) -> str | None:
 
 
 def results(played: list[Played], tissues: Sequence[Tissue]) -> list[dict[str, Any]]:
-    """Return one row of figures per condition, for the table, the JSON file and the figure.
-
-    Without `tissues`, the scene has bodies, whose contacts are counted instead.
-    """
+    """Return one row of figures per condition; without `tissues`, contacts with bodies are counted instead."""
     law = WeberLaw(weber_fraction=PAPER_WEBER_FRACTION, floor_n=PAPER_FLOOR_N)
     rows: list[dict[str, Any]] = []
     for each in played:

@@ -23,10 +23,7 @@ STEADY_FRACTION: Final = 0.25
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class StepFigures:
-    """Figures of a step response, as defined in control engineering.
-
-    The reference is the target, not the final value, so that a loop with a steady error gets worse figures.
-    """
+    """Figures of a step response. The reference is the target, so that a steady error makes them worse."""
 
     rise_s: float | None
     """Time [s] from the first crossing of 10 % of the step to that of 90 %; None if 90 % is not reached."""
@@ -44,9 +41,8 @@ def step_figures(
 ) -> StepFigures:
     """Return the figures of a step at `at_s` [s] in a recorded force [N], shape (n,), at increasing times [s].
 
-    Crossings are interpolated between samples, so they do not depend on the sampling rate. A downward step is inverted.
-
-    Raise SettingsError if the step has no height, or fewer than two samples follow it.
+    Crossings are interpolated between samples. A downward step is inverted. Raise SettingsError if the step has no
+    height, or fewer than two samples follow it.
     """
     times, forces = np.asarray(t_s, dtype=np.float64), np.asarray(force_n, dtype=np.float64)
     if from_n == to_n:
@@ -85,10 +81,7 @@ def plot_step(
     contact_force_n: Sequence[float] | Numbers | None = None,
     title: str = "",
 ) -> None:
-    """Draw the paper's Fig. 2: target, sensed and, if known, true force [N] over the time since the step [s].
-
-    UnavailableError if matplotlib is missing.
-    """
+    """Draw the paper's Fig. 2: target, sensed and, if known, true force [N] over the time since the step [s]."""
     with picture(file, 3.8) as figure:
         axes = figure.subplots()
         axes.step(t_s, target_n, where="post", color=BLUE, linewidth=1.4, label="target")

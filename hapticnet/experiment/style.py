@@ -64,10 +64,7 @@ def check_format(name: str) -> None:
 
 @contextmanager
 def picture(file: Path, height_in: float, *, width_in: float = PRINT_WIDTH_IN, **settings: Any) -> Iterator[Any]:
-    """Yield an empty figure in the common look, and write it to `file`.
-
-    `settings`: more settings of matplotlib, with "_" for ".".
-    """
+    """Yield an empty figure in the common look for `file`; `settings` are matplotlib's, with "_" for "."."""
     plt = pyplot()
     from matplotlib.text import Text
 
@@ -89,10 +86,7 @@ def picture(file: Path, height_in: float, *, width_in: float = PRINT_WIDTH_IN, *
 
 
 def legend(owner: Any, *axes: Any, below: bool = True, ncols: int = 4, **options: Any) -> None:
-    """Put one legend of all lines in some axes outside of them: below a figure or subfigure, or at its right.
-
-    A legend within axes hides what another run draws there.
-    """
+    """Put one legend of all lines outside of the axes, where it hides nothing: below a figure, or at its right."""
     handles: dict[str, Any] = {}
     for each in axes:
         for handle, label in zip(*each.get_legend_handles_labels(), strict=True):
@@ -201,7 +195,6 @@ def _coincide(line: Points, other: Points) -> bool:
 
 
 def _look(label: str, labels: Sequence[str]) -> dict[str, Any]:
-    """Return colour, marker and dash of one of several lines."""
     names = [each.partition(":")[0].partition(",")[0].removesuffix(" (at rest)") for each in labels]
     known = [name for name in every_codec() if name != "raw"]
     index, name = labels.index(label), names[labels.index(label)]

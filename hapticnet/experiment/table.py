@@ -76,10 +76,7 @@ def csv_text(head: Sequence[str], rows: Iterable[Sequence[Any]], comments: Itera
 
 
 def latex_table(head: Sequence[str], rows: Sequence[Sequence[str]], *, space_before: int | None = None) -> list[str]:
-    """Return the lines of a table with booktabs, made smaller if it is wider than the page.
-
-    `space_before` is the number of the row that begins another group.
-    """
+    """Return a table with booktabs no wider than the page; another group begins at row `space_before`."""
     lines = [f"{' & '.join(map(latex_text, cells))} \\\\" for cells in rows]
     if space_before is not None:
         lines.insert(space_before, "\\addlinespace")

@@ -66,11 +66,7 @@ class Trial:
 
 
 def scene_trial(scene: Touchable, hand: Operator, *, name: str, rate_hz: float = 1000.0) -> Trial:
-    """Return positions and forces as the slave of a perfect channel records them.
-
-    SettingsError if hand and scene have different numbers of axes, or the rate is out of range; SampleError if the
-    scene refuses a position, or its force is not finite.
-    """
+    """Return a trial on a perfect channel; SettingsError if hand and scene do not fit, SampleError as the scene."""
     duration_us = LONGEST_US if hand.duration_us is None else min(hand.duration_us, LONGEST_US)
     check_above("rate", rate_hz, 1e6 / max(duration_us, 1), 1e6, "Hz")
     # The session starts at 0, and the first position is sent a period later.
@@ -89,10 +85,7 @@ def scene_trial(scene: Touchable, hand: Operator, *, name: str, rate_hz: float =
 def paper_trial(
     seed: int, rate_hz: float = 1000.0, *, insertions: int | None = None, motion: InsertionSettings = DEFAULT_MOTION
 ) -> Trial:
-    """Return positions and forces of scripted insertions into the paper's scene.
-
-    The seed is that of the order of the tissues and of the hand; `insertions` takes the place of those of `motion`.
-    """
+    """Return a trial of scripted insertions into the paper's scene; `seed` is of the tissues' order and the hand."""
     if insertions is not None:
         motion = replace(motion, insertions=insertions)
     scene = Scene(paper_scene(seed).tissues)
@@ -102,10 +95,7 @@ def paper_trial(
 
 
 def placed(positions: FloatArray, start: str | None) -> FloatArray:
-    """Return positions [m], shape (n, a), moved so that the first is at `start`, written as X[,Y[,Z]] [m].
-
-    Without a start they are unchanged. SettingsError if it is not as many numbers as there are axes.
-    """
+    """Return positions [m], shape (n, a), moved so that the first is at `start` (X[,Y[,Z]]); None: unchanged."""
     if start is None:
         return positions
     try:

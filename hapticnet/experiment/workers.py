@@ -94,8 +94,6 @@ class Pool:
 
 
 class _Worker:
-    """One process, and what it was given, in the order in which it computes it."""
-
     def __init__(self, function: Function, shared: Any, method: str) -> None:
         self._call = function, shared
         self._context = multiprocessing.get_context(method)

@@ -77,10 +77,7 @@ def hold_starts(law: WeberLaw, stimuli: FloatArray) -> IntArray:
 
 
 def line_starts(law: WeberLaw, t_us: IntArray, stimuli: FloatArray) -> IntArray:
-    """Return the first samples of the fewest straight lines of a recording of one axis, shape (m,). O(n).
-
-    The tube is the same as for holds: the rule depends on the stimulus applied at a sample, not on how it came about.
-    """
+    """Return the first samples of the fewest straight lines in the `tube` of one axis, shape (m,). O(n)."""
     return _line_starts(_elapsed(t_us), *tube(law, _one_axis(stimuli)))
 
 
@@ -188,10 +185,7 @@ def _line_starts(times: FloatArray, low: FloatArray, high: FloatArray) -> IntArr
 
 
 def _sweep_holds(low: Any, high: Any, starts: IntArray) -> int:
-    """Write the first sample of each of the longest holds to `starts`; return their number.
-
-    A piece continues while the intervals of its samples have a point in common.
-    """
+    """Write the first sample of each of the longest pieces whose intervals meet to `starts`; return their number."""
     count = 0
     bottom, top = math.inf, -math.inf
     for i in range(len(low)):

@@ -62,6 +62,5 @@ def energy_report(law: WeberLaw, true: FloatArray, applied: FloatArray, position
 
 
 def _runs(flags: "np.ndarray[tuple[int, ...], np.dtype[np.bool_]]") -> list[slice]:
-    """Return the runs of samples that are set."""
     edges = np.flatnonzero(np.diff(np.concatenate([[False], flags, [False]])))
     return [slice(begin, end) for begin, end in zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True)]

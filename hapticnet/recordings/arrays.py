@@ -21,10 +21,7 @@ _FLOAT_BYTES: Final = 8
 
 
 class ArraySource:
-    """Arrays as columns; `read` returns those of some names, each of shape (rows,).
-
-    A two-dimensional array NAME is the columns NAME.0, NAME.1, …; a single array without a name is "0", "1", ….
-    """
+    """Arrays as columns of shape (rows,), which `read` returns; a two-dimensional NAME is NAME.0, NAME.1, …."""
 
     def __init__(
         self, path: Path, names: Sequence[str], read: Callable[[Sequence[str]], Sequence[npt.NDArray[Any]]], rows: int
@@ -80,11 +77,7 @@ class ArraySource:
 
 
 def load_npy(path: Path, file: IO[bytes], max_bytes: int) -> npt.NDArray[Any]:
-    """Return the array in a .npy file, after checking the shape that its header claims.
-
-    Raise FileError if the array, or the same in float64, takes more than `max_bytes`, or it has too many columns;
-    ValueError if it is damaged, or holds Python objects.
-    """
+    """Return the array in a .npy file; FileError if its header claims more than `max_bytes`, ValueError if damaged."""
     version = np.lib.format.read_magic(file)
     header = np.lib.format.read_array_header_1_0 if version == (1, 0) else np.lib.format.read_array_header_2_0
     shape, _, dtype = header(file)
@@ -100,10 +93,7 @@ def load_npy(path: Path, file: IO[bytes], max_bytes: int) -> npt.NDArray[Any]:
 
 
 def load_npz(path: Path, max_bytes: int) -> dict[str, npt.NDArray[Any]]:
-    """Return the arrays in a .npz file by their names; an exception of many kinds if it is damaged.
-
-    Raise FileError if they, or the same in float64, take more than `max_bytes` together, or there are too many.
-    """
+    """Return the arrays in a .npz file by their names; FileError if too large or many, other exceptions if damaged."""
     arrays: dict[str, npt.NDArray[Any]] = {}
     left = max_bytes
     with zipfile.ZipFile(path) as archive:

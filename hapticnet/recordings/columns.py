@@ -183,10 +183,7 @@ def is_stamp(cell: str) -> bool:
 
 
 def stamp_us(cell: str) -> int | None:
-    """Return a date and time in ISO 8601 as µs since 1970, or a time of day as µs since midnight.
-
-    A stamp without a zone is in UTC. An empty cell gives `NO_STAMP`, anything else None.
-    """
+    """Return ISO 8601 as µs since 1970 (UTC without a zone) or midnight; `NO_STAMP` if empty, None if no stamp."""
     cell = cell.strip()
     if not cell:
         return NO_STAMP

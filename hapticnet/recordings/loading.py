@@ -158,11 +158,7 @@ def load_motion(
     missing: Missing = "refuse",
     max_bytes: int = MAX_BYTES,
 ) -> Motion:
-    """Read positions only, from the same files as `load_recording`, with the same parameters and errors.
-
-    `position` is one to three columns; None: those called position or pos (``position_m``, ``pos_x [mm]``), or else
-    the only column that is not time.
-    """
+    """Read positions only: one to three columns, by default those called position or pos; else as `load_recording`."""
     source = _open(user_path(path), rate_hz, missing, max_bytes)
     with file_errors(source.path):
         time_at = _times(source, time)
@@ -184,7 +180,6 @@ def _open(path: Path, rate_hz: float | None, missing: str, max_bytes: int) -> So
 
 
 def _times(source: Source, time: str | None) -> int | None:
-    """Return the column of the times; None if there is none."""
     return find_times(source.names) if time is None else find_column(source.path, source.names, time)
 
 
@@ -234,10 +229,7 @@ def _check_apart(source: Source, uses: Mapping[str, Sequence[int | None]]) -> No
 
 
 def _named(names: Sequence[str], others: list[int], what: str) -> list[int]:
-    """Return the columns that are called what is wanted: position_m, pos_x [mm], run.position.0; force_n, force_x_n.
-
-    A recording of a master has no true force, but the one that it received.
-    """
+    """Return the columns that are called what is wanted: position_m, pos_x [mm], run.position.0; force_n, force_x_n."""
     for word in ("pos(ition)?",) if what == "position" else ("force", "received"):
         pattern = re.compile(rf"(^|\.){word}([_. ].*)?$")
         named = [index for index in others if pattern.search(split_unit(names[index])[0].lower())]
@@ -257,10 +249,7 @@ def _read(
     *,
     whole_position: bool = False,
 ) -> tuple[IntArray, FloatArray, FloatArray, tuple[str, ...]]:
-    """Return times [µs], shape (n,), forces [N] and positions [m], shapes (n, columns), and notes.
-
-    With `whole_position`, positions in which a value is missing are left out, shape (n, 0).
-    """
+    """Return times [µs], forces [N], positions [m] (none if `whole_position` and a value is missing), and notes."""
     indices = [*force_at, *position_at]
     times, values, read_notes = _numbers(source, time_at, indices, rate_hz)
     if whole_position and np.isnan(values[:, len(force_at) :]).any():
@@ -324,7 +313,6 @@ def _numbers(
 def _without_missing(
     source: Source, time_at: int | None, indices: list[int], t_us: FloatArray, values: FloatArray, missing: Missing
 ) -> tuple[FloatArray, FloatArray, list[str]]:
-    """Return times and values without NaN, and notes."""
     absent = np.isnan(values)
     timeless = np.isnan(t_us)
     faulty = absent.any(axis=1) | timeless

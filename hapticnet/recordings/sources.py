@@ -69,11 +69,7 @@ _TEXT_CONTROLS: Final = b"\t\n\v\f\r\x1b"
 
 
 def open_source(path: Path, max_bytes: int) -> Source:
-    """Open a recording of any kind that can be read.
-
-    Raise FileError if it cannot be read, is larger than `max_bytes` (unpacked, too) or is of another kind,
-    UnavailableError if the package that reads this kind is not installed.
-    """
+    """Open a recording of any kind; FileError if it cannot be read, UnavailableError if that needs another package."""
     check_readable(path, max_bytes)
     check_main(path)
     with file_errors(path):

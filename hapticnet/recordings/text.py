@@ -60,11 +60,7 @@ def read_csv(path: Path, columns: Sequence[str] | None = None, *, max_bytes: int
 
 
 def write_csv(target: Path | TextIO, columns: Mapping[str, Sequence[float] | NDArray[Any]]) -> None:
-    """Write columns of equal length under a header of their names, to a file or an open stream.
-
-    Numbers read back bit for bit. Raise FileError if the file cannot be written, ValueError if the columns differ in
-    length.
-    """
+    """Write columns of equal length under their names to a file or stream; FileError if it cannot be written."""
     values = [column.tolist() if isinstance(column, np.ndarray) else column for column in columns.values()]
     lengths = {name: len(column) for name, column in columns.items()}
     if len(set(lengths.values())) > 1:
@@ -114,10 +110,7 @@ class TextSource:
         self._sample = [_split_cells(line, self._layout.separator) for _, line in sample[self._layout.header_rows :]]
 
     def numbers(self, indices: Sequence[int]) -> FloatArray:
-        """Return columns, shape (rows, columns), with NaN where a cell is empty or says NaN, NA, N/A or null.
-
-        Raise FileError if a cell is not a finite number, or a row has more or fewer cells than the header.
-        """
+        """Return columns, shape (rows, columns), NaN where a cell is missing; FileError for other cells or rows."""
         fast = self._numbers_at_once(indices)
         return self._numbers_by_cell(indices) if fast is None else fast
 
@@ -313,7 +306,6 @@ def _find_layout(path: Path, sample: Sequence[tuple[int, str]], comment: str) ->
 
 
 def _split_cells(line: str, separator: str | None, *, header: bool = False) -> list[str]:
-    """Return the cells of a line."""
     if separator is None:
         return _HEADER_SPACE.split(" ".join(line.split())) if header else line.split()
     return next(csv.reader([line], delimiter=separator, strict=True), [""])
@@ -337,12 +329,10 @@ def _is_missing(cell: str) -> bool:
 
 
 def _csv_reason(error: csv.Error) -> str:
-    """Return why the csv module refused a line."""
     return _OPEN_QUOTE if "end of data" in str(error) else str(error)
 
 
 def _separator(lines: Sequence[str]) -> str | None:
-    """Return the separator that fits the lines best."""
     found: list[tuple[bool, bool, int, str | None]] = []
     for separator in _SEPARATORS:
         if not all(_splits(line, separator) for line in lines):

@@ -112,7 +112,6 @@ def _user_device(found: UserClass, say: Callable[[str], None]) -> Iterator[UserD
 
 
 def _parse(text: str) -> tuple[str, PlantSettings | None]:
-    """Return the kind of device and, if it is simulated, its plant."""
     kind, separator, stiffness = text.partition(":")
     if kind == "serial":
         return kind, None

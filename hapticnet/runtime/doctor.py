@@ -386,10 +386,7 @@ def examine_trial() -> list[Finding]:
 
 
 def run_trial(duration_s: float = TRIAL_S) -> dict[str, Any]:
-    """Run a slave and a master at 1 kHz on loopback, and return the master's report.
-
-    Raises UnavailableError if a process fails, and OSError if one cannot be started or no temporary file be written.
-    """
+    """Return the report of a master at 1 kHz on loopback; UnavailableError if a process fails, OSError for files."""
     children: list[Child] = []
     try:
         with tempfile.TemporaryDirectory(prefix="hapticnet-doctor-") as folder:

@@ -201,10 +201,7 @@ class Disturbance:
 
 
 class SimulatedNano(Device):
-    """The fingertip device in lockstep: host's end of the line (`wired`), firmware and plant.
-
-    Each `exchange` first advances board, plant and line to the given time. If the simulator ends, the device is lost.
-    """
+    """The device in lockstep: `exchange` advances host's end of the line (`wired`), firmware and plant."""
 
     def __init__(
         self,
@@ -301,11 +298,10 @@ MOST_READ_BYTES: Final = 4096  # largest number of bytes read at a time: the cap
 
 
 class NanoPty:
-    """A board on a pseudo-terminal, to which `link` is a symbolic link.
+    """A board on a pseudo-terminal, to which `link` is a symbolic link; its output is lost while that is closed.
 
-    As with a real port, output of the firmware is lost while the port is closed. Unlike a real port, opening it does
-    not reset the controller. Raises UnavailableError if there is no pseudo-terminal; FileError if the link cannot be
-    made.
+    Opening it does not reset the controller. Raises UnavailableError without pseudo-terminals; FileError without a
+    link.
     """
 
     def __init__(self, board: Board, *, link: Path | None = None) -> None:

@@ -157,10 +157,7 @@ PR_SET_PDEATHSIG: Final = 1  # option of prctl(2) on Linux: receive a signal whe
 
 
 class Child:
-    """A ``hapticnet`` process with its stderr on a pipe. It ends when this process ends, even if that is killed.
-
-    Its default `environment` is that of this process without `KEY_VARIABLES` and `OPTION_VARIABLES`.
-    """
+    """A ``hapticnet`` process with its stderr on a pipe. It ends when this process ends, even if that is killed."""
 
     def __init__(self, arguments: Sequence[str], *, environment: Mapping[str, str] | None = None) -> None:
         self._arguments = arguments

@@ -181,10 +181,7 @@ class Recorder:
 
 
 class _Track:
-    """The rows and events of one node, on their way to one file.
-
-    The file begins with the first row. A slave's rows tell with it how the master's clock relates to its own.
-    """
+    """The rows and events of one node, on their way to one file, which begins with the first row."""
 
     def __init__(self, recorder: Recorder, path: Path, side: str, names: tuple[str, str]) -> None:
         self._recorder = recorder
@@ -267,7 +264,6 @@ class _Recording(Watcher[Event], Generic[Event]):
         raise NotImplementedError
 
     def _collect_all(self) -> None:
-        """Hand over what remains at the end."""
         raise NotImplementedError
 
     def _fire(self) -> None:

@@ -278,11 +278,7 @@ async def run_master(
     stop: asyncio.Event | None = None,
     rescue: Rescue | None = None,
 ) -> MasterRun:
-    """Run until `stop` is set, a refusal, or `duration_s` [s] after the first connection; then close the session.
-
-    Without a `stop`, SIGINT and SIGTERM end the run, and `rescue` ends one that is stuck then. Raises as
-    `MasterRunner`.
-    """
+    """Run until `stop` (default: a signal), a refusal, or `duration_s` [s] after connecting; close the session."""
     stop = stop or stop_on_signals(asyncio.get_running_loop(), rescue)
     runner = MasterRunner(
         node, sock, slave, stop=stop, wire=wire, channel=channel, channel_in=channel_in, watchers=watchers,

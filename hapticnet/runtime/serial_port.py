@@ -141,11 +141,7 @@ class SerialPort:
             self.unwritten += len(data)
 
     async def wait_ready(self, timeout_s: float) -> None:
-        """Drive the device, retracted, until it gives readings.
-
-        Raises RefusedError if it speaks another protocol version; UnavailableError if the port cannot be opened, or
-        there are no readings for `timeout_s` [s].
-        """
+        """Drive the device, retracted, until it gives readings; RefusedError or UnavailableError if it does not."""
         end_us = now_us() + round(timeout_s * 1e6)
         while self._wired.status != READY:
             if self._wired.refusal:

@@ -55,7 +55,6 @@ class _Timer:
             raise UnavailableError(f"cannot set the timer: {os.strerror(ctypes.get_errno())}")
 
     def _expirations(self) -> int:
-        """Return the number of expirations since the last call."""
         try:
             (count,) = _EXPIRATIONS.unpack(os.read(self._fd, 8))
         except BlockingIOError:

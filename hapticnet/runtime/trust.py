@@ -123,10 +123,7 @@ def slave_trust(
     address: object, loopback: bool, key: Path | None, masters: Path | None, insecure: bool,
     called: Callable[[str], str] = option,
 ) -> SlaveTrust:  # fmt: skip
-    """Return whom a slave serves at `address`; `called` returns what messages call a parameter.
-
-    Raises FileError, SettingsError if keys are needed and cannot be used.
-    """
+    """Return whom a slave serves at `address`; FileError or SettingsError if keys it needs cannot be used."""
     if key is None and masters is None and (loopback or insecure):
         unused = None if insecure or is_missing(default_key()) else default_key()
         return SlaveTrust(None, serves_open=True, unused_key=unused)

@@ -73,10 +73,7 @@ class Progress:
 
 
 class Sizes:
-    """How many runs the next shard has: `fixed`, or as many as take `SHARD_S`, and fewer toward the end.
-
-    These are multiples of `sharing`; see `Plan.sharing`.
-    """
+    """Runs of the next shard: `fixed`, or `SHARD_S` long and fewer at the end; multiples of `Plan.sharing`."""
 
     def __init__(self, fixed: int | None = None, sharing: int = 1) -> None:
         self._fixed = fixed

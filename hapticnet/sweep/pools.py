@@ -36,10 +36,7 @@ def local_pool(plan: Plan, workers: int) -> Pool:
 
 
 class ClusterPool:
-    """Workers of the Dask scheduler at tcp://HOST:PORT. UnavailableError if it does not answer.
-
-    Workers send the bytes of their shards, so no folder is shared. If a worker ends, others compute its shards.
-    """
+    """Workers of the Dask scheduler at tcp://HOST:PORT, which return shards as bytes; or UnavailableError."""
 
     def __init__(self, plan: Plan, address: str) -> None:
         try:

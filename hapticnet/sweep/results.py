@@ -68,10 +68,7 @@ class Results:
 
 @dataclass(frozen=True, slots=True)
 class Summary:
-    """A table of the measures `of` for groups of runs, by the settings `by`.
-
-    A row has the values of the settings, the number of runs, and for each measure its mean, quantiles and deviation.
-    """
+    """For groups of runs by the settings `by`: their number, and mean, quantiles and deviation of the measures `of`."""
 
     by: tuple[str, ...]
     of: tuple[str, ...]
@@ -122,12 +119,10 @@ def summary(
     deviations: bool = False,
     where: str | None = None,
 ) -> Summary:
-    """Return mean and quantiles of measures for each group, and with `deviations` the standard deviation over its runs.
+    """Return mean and quantiles of measures for each group, with `deviations` also the standard deviation.
 
-    Runs with errors are left out. `where` is a condition on rows, in SQL.
-
-    Raise SettingsError if a quantile is out of range, or DuckDB does not understand the condition; FileError if a shard
-    cannot be read.
+    Runs with errors are left out; `where` is a condition in SQL. Raise SettingsError if it or a quantile cannot be
+    used; FileError if a shard cannot be read.
     """
     for each in quantiles:
         check_parameter("quantile", each, 0.0, 1.0)
@@ -266,7 +261,6 @@ def _half_width(deviation: float | None, runs: int) -> float:
 
 
 def _values_of(names: Sequence[str], row: Mapping[str, Any]) -> list[str]:
-    """Return the value of each setting with what the setting is called and its unit."""
     return [_value(LABELS.get(name, name), row[name]) for name in names]
 
 

@@ -155,10 +155,7 @@ class Store:
         return content | known
 
     def shards(self, digest: str) -> list[Shard]:
-        """Return the shards that are there.
-
-        FileError if one is damaged, belongs to another study, or has runs of another one.
-        """
+        """Return the shards that are there; FileError if one is damaged, of another study, or overlaps another."""
         found: dict[Path, Shard] = {}
         for file in sorted(self.path.glob(SHARDS)):
             named = _SHARD.fullmatch(file.name)

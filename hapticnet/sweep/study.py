@@ -110,7 +110,6 @@ def _repair(text: str) -> str:
 
 
 def _loss(value: Any) -> str:
-    """Return a loss as a channel's specification writes it; a number is a share."""
     if _is_number(value):
         text = _in_words(lambda share: BernoulliLoss(float(share)).describe(), value)
     elif isinstance(value, str):

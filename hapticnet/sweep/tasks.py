@@ -59,10 +59,7 @@ LARGEST_SEED: Final = 2**31
 
 
 def plan_of(file: StudyFile, repeats: int | None = None) -> Plan:
-    """Return the plan of a study, with `repeats` in the place of its own.
-
-    SettingsError if a value cannot be used or there are too many runs; FileError for a file that it names.
-    """
+    """Return a study's plan, with `repeats` in place of its own; SettingsError or FileError if it cannot be used."""
     study = file.study
     if repeats is not None:
         check_integer("repeats", repeats, 1, MOST_REPEATS)

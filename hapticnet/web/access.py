@@ -32,11 +32,7 @@ class Access:
         return secrets.compare_digest(token.encode(), self.tokens[view].encode())
 
     def is_ours(self, host: str) -> bool:
-        """Return whether a Host header names this server.
-
-        A stranger's page can make a name of its own point at this host (DNS rebinding), but not a number. The port may
-        be another one, that of a tunnel.
-        """
+        """Return whether a Host header names this server at any port, not a stranger's name (DNS rebinding)."""
         try:
             name = urlsplit(f"//{host}").hostname
         except ValueError:
@@ -56,11 +52,9 @@ def new_tokens(views: tuple[View, ...]) -> dict[View, str]:
 
 
 def listen_for_pages(address: HostPort | None, views: tuple[View, ...] = VIEWS) -> tuple[socket.socket, Access]:
-    """Return a listening socket, and how to reach the `views`; port 0 takes a free one.
+    """Return a listening socket (port 0: a free one) and how to reach `views`; UnavailableError if not possible.
 
     Without an `address`, `DEFAULT` is used, or another port of that host if this one is taken.
-
-    Raise UnavailableError if the address cannot be used.
     """
     wanted = address or DEFAULT
     try:

@@ -168,7 +168,6 @@ class Audience(Watcher[NodeEvent], ABC):
         """Send what is due, `messages.MESSAGES_PER_S` times a second."""
 
     def _give_hand(self, client: Client) -> None:
-        """Give the hand to a page; raise PeerError if it cannot have it."""
         self.seat.take(client)
 
     def _take_down(self, now_us: int) -> None:
@@ -179,7 +178,6 @@ class Audience(Watcher[NodeEvent], ABC):
             client.post(message)
 
     def _tell_hand(self, client: Client) -> None:
-        """Tell a page who has the hand, if that has changed."""
         holder = self.seat.holder
         who = "nobody" if holder is None else "you" if holder is client else "another"
         told = who, self.seat.state

@@ -19,10 +19,7 @@ ASK_EVERY_US: Final = 200_000  # shortest time [µs] between two sessions that a
 
 
 class Controls:
-    """Apply changes to a running master.
-
-    `channels` are those at the master's end: feedback, then forward. Without them, delay and loss cannot be changed.
-    """
+    """Apply changes to a running master; `channels` (feedback, forward) are needed to change delay and loss."""
 
     def __init__(
         self,
@@ -60,10 +57,7 @@ class Controls:
         }
 
     def apply(self, change: Change) -> None:
-        """Change what is named, or nothing.
-
-        Raise PeerError if something cannot be changed, or there is no such codec.
-        """
+        """Change what is named, or nothing; PeerError if something cannot be changed, or there is no such codec."""
         for key in Change.__dataclass_fields__:
             if getattr(change, key) is not None and key not in self.adjustable:
                 raise PeerError(f"{key} cannot be changed in this run")
@@ -73,10 +67,7 @@ class Controls:
             self._change_channels(change)
 
     def work(self, now_us: int) -> None:
-        """Do what is due: ask for a session with the codec wanted, not more often than `ASK_EVERY_US`.
-
-        A slider that is dragged wants dozens of sessions a second.
-        """
+        """Ask for a session with the codec wanted, at most every `ASK_EVERY_US`, since sliders are dragged."""
         if self._wanted is not None and not 0 <= now_us - self._asked_us < ASK_EVERY_US:
             (codec, law), self._wanted = self._wanted, None
             self._asked_us = now_us

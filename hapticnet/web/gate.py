@@ -103,11 +103,7 @@ class Connection(asyncio.Protocol):
         self._server.connection_made(GatedTransport(self, transport))  # type: ignore[arg-type] # what aiohttp needs of it
 
     def connection_lost(self, error: Exception | None) -> None:
-        """End.
-
-        The server is told when its tasks have begun what they were given: before, aiohttp's fail, because of a
-        connection that is lost they know no handler any more.
-        """
+        """End; tell the server only after its tasks have begun, because aiohttp's fail on a lost connection."""
         self._gate.leave(self)
         self._bytes.clear()
         asyncio.get_running_loop().call_soon(self._server.connection_lost, error)

@@ -240,10 +240,7 @@ def parse_binary(data: bytes) -> Hand:
 
 
 def parse_text(data: str) -> PageMessage:
-    """Return the JSON message in `data`.
-
-    Raise MistakeError if it is not JSON, not of a known type, or a value is out of range.
-    """
+    """Return the JSON message in `data`; MistakeError if it is none, of no known type, or a value is out of range."""
     try:
         content = json.loads(data)
     except (ValueError, RecursionError):

@@ -22,10 +22,7 @@ in a trial must not know, except where it breaks deeper than this."""
 
 
 def scene_called(name: str, given: SceneSettings | None = None) -> SceneSettings | None:
-    """Return the scene that a slave calls `name`: `given`, a built-in one, or None if it is not known here.
-
-    The name comes from the network, so no file is read.
-    """
+    """Return `given` or the built-in scene of that name from the network, so without reading a file; or None."""
     if given is not None and given.name == name:
         return given
     try:
@@ -36,10 +33,7 @@ def scene_called(name: str, given: SceneSettings | None = None) -> SceneSettings
 
 
 class Mirror:
-    """A scene and a needle.
-
-    `is_new`: whether all tissues are intact. Else the force is not known until the needle has been in front of them.
-    """
+    """A scene and a needle; `is_new`: all tissues are intact. Else the force is unknown until it was before them."""
 
     def __init__(self, settings: SceneSettings, *, is_new: bool) -> None:
         self.settings = settings

@@ -191,7 +191,6 @@ class Page(Audience):
         return known != before or known is None
 
     def _hello(self, view: View) -> str:
-        """Return the first message to a page."""
         settings = self._settings
         content = hello(view, settings.source, settings.hand)
         if view == "watch":
@@ -212,7 +211,6 @@ class Page(Audience):
         return messages.text("hello", **content)
 
     def _scene(self, view: View) -> str:
-        """Return the message about the scene."""
         tissues = self._mirror.settings.tissues if self._mirror is not None else ()
         shown: list[dict[str, Any]] = [{"rest_m": tissue.rest_position_m} for tissue in tissues]
         content: dict[str, Any] = {"known": self._mirror is not None, "range_m": self._range_m, "tissues": shown}

@@ -168,7 +168,6 @@ class Server(Watcher[NodeEvent]):
         return ws
 
     async def _talk(self, client: Client, ws: web.WebSocketResponse) -> None:
-        """Receive what a page sends until it goes."""
         self._page.connect(client)
         try:
             async for message in ws:

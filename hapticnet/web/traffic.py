@@ -40,10 +40,7 @@ class RecentMedian:
 
 
 class TrafficMeter:
-    """Rates over the last second, and totals since the settings last changed.
-
-    The totals count only while a force is felt: a needle that rests outside would make any codec look good.
-    """
+    """Rates over the last second, and totals of times with a force since the settings last changed."""
 
     def __init__(self, node: MasterNode) -> None:
         self.since_s = 0.0  # when the totals began [s]

@@ -25,10 +25,7 @@ EVENT_COLUMNS: Final = ("t_us", "event", "text")
 
 
 class CsvWriter:
-    """Write a recording as CSV; raise OSError if a file cannot be written.
-
-    The main table is FILE.csv, the others FILE.TABLE.csv, and FILE.events.csv; FILE.about.json has the configuration.
-    """
+    """Write a recording as FILE.csv, FILE.TABLE.csv, FILE.events.csv and FILE.about.json; raise OSError on failure."""
 
     def __init__(self, heading: Heading) -> None:
         self._heading = heading

@@ -20,11 +20,7 @@ NEEDS_PYARROW: Final = "Parquet files need pyarrow (extra parquet): pip install 
 
 
 def export(session: Session, path: Path) -> None:
-    """Write a recording as .csv, .npz, .mcap or .parquet, whatever the suffix says.
-
-    Raise FileError if it cannot be written, or has times that the format has not, UnavailableError if it needs an
-    extra.
-    """
+    """Write a recording as its suffix says; FileError if that cannot be, UnavailableError if it needs an extra."""
     why = {} if session.is_whole else {INCOMPLETE: "the file that it comes from was cut off or damaged"}
     about: dict[str, Any] = {**session.about, **why}
     known = {**about, "side": session.side, "unix_offset_us": session.unix_offset_us}

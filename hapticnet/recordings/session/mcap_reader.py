@@ -128,10 +128,7 @@ def _unpacked(chunk: Record) -> bytes:
 
 
 def _contents(path: Path, data: bytes, described: dict[int, int]) -> Iterator[Record]:
-    """Yield the records in a chunk; ValueError or struct.error before the first one if their structure is damaged.
-
-    `described` has the channels so far, in their order, and the bytes of all up to each.
-    """
+    """Yield a chunk's records; ValueError or struct.error before the first if damaged; `described`: channels so far."""
     from mcap.data_stream import ReadDataStream
     from mcap.records import Channel
 
@@ -165,8 +162,6 @@ def _contents(path: Path, data: bytes, described: dict[int, int]) -> Iterator[Re
 
 
 class _Rows(NamedTuple):
-    """One channel of rows while it is read."""
-
     table: str
     columns: tuple[str, ...]
     dtype: np.dtype[Any]

@@ -133,7 +133,6 @@ def _message(name: str, *fields: tuple[str, int] | tuple[str, int, str]) -> byte
 
 
 def _file(name: str, package: str, content: bytes) -> bytes:
-    """Return a file of a ``FileDescriptorSet``."""
     return _field(1, _text(1, name) + _text(2, package) + content + _text(12, "proto3"))
 
 

@@ -92,7 +92,6 @@ def refuse_if_recorded(path: Path) -> None:
 
 
 def _refuse_if_written(path: Path) -> None:
-    """Raise FileError if a writer still has the file open."""
     if not path.is_file() or path.is_symlink():  # a writer has no others
         return
     with open_regular(path, sys.maxsize, follow=False) as file:

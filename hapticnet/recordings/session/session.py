@@ -116,11 +116,7 @@ def parse_json(text: str) -> Any:
 
 
 def in_force(events: Iterable[Event]) -> list[tuple[int, dict[str, Any]]]:
-    """Return the times [µs] from which settings were in force, and the settings.
-
-    Each holds until the next, the last until the end. Before the first there was no session. Events whose text is
-    damaged are left out.
-    """
+    """Return the times [µs] from which settings were in force, each until the next, and the settings."""
     found: list[tuple[int, dict[str, Any]]] = []
     for event in events:
         if event.name == IN_FORCE:
