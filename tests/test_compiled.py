@@ -23,31 +23,13 @@ def test_both_bodies_of_a_rounding_agree(function):
         assert (plain, np.signbit(plain + 0.0)) == (fast, np.signbit(fast + 0.0))
 
 
-def test_a_function_is_compiled_once():
+def test_only_plain_functions_are_compiled_and_each_once():
     assert compiled(nearest) is compiled(nearest)
-
-
-def test_only_plain_functions_are_compiled():
     with pytest.raises(TypeError, match="not a plain function"):
         compiled(len)
 
 
-def test_an_edited_source_has_a_folder_of_its_own(tmp_path, monkeypatch):
-    package = tmp_path / "package"
-    package.mkdir()
-    monkeypatch.setattr(compiled_module, "__file__", str(package / "compiled.py"))
-    source = package / "scheme.py"
-    source.write_text("STEP = 1\n")
-    folder = compiled_module._folder.__wrapped__
-    before = folder(str(tmp_path))
-    source.write_text("STEP = 2\n")
-    after = folder(str(tmp_path))
-    assert before != after
-    source.write_text("STEP = 1\n")
-    assert folder(str(tmp_path)) == before
-
-
-def test_an_edited_source_of_a_user_has_a_folder_of_its_own_too(tmp_path):
+def test_an_edited_source_of_a_user_has_a_folder_of_its_own(tmp_path):
     folder, users = compiled_module._folder.__wrapped__, frozenset({tmp_path / "plug-in"})
     (tmp_path / "plug-in").mkdir()
     made = set()
@@ -57,13 +39,16 @@ def test_an_edited_source_of_a_user_has_a_folder_of_its_own_too(tmp_path):
     assert len(made | {folder(str(tmp_path))}) == 3
 
 
-def test_only_the_newest_folders_are_kept(tmp_path, monkeypatch):
+def test_an_edited_source_has_a_folder_of_its_own_and_only_the_newest_are_kept(tmp_path, monkeypatch):
     package = tmp_path / "package"
     package.mkdir()
     monkeypatch.setattr(compiled_module, "__file__", str(package / "compiled.py"))
-    for edit in range(compiled_module.KEPT_FOLDERS + 3):
+    made = []
+    for edit in (*range(compiled_module.KEPT_FOLDERS + 2), compiled_module.KEPT_FOLDERS):
         (package / "scheme.py").write_text(f"STEP = {edit}\n")
-        newest = compiled_module._folder.__wrapped__(str(tmp_path / "caches"))
+        made.append(newest := compiled_module._folder.__wrapped__(str(tmp_path / "caches")))
+    assert made[-1] == made[-3], "the same source again"
+    assert len(set(made)) == len(made) - 1
     kept = list(newest.parent.iterdir())
     assert newest in kept
     assert len(kept) == compiled_module.KEPT_FOLDERS

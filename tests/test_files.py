@@ -96,27 +96,20 @@ def test_a_lock_or_table_that_is_a_link_or_no_regular_file_is_refused(tmp_path):
 
 
 def test_a_lock_keeps_others_out_until_it_is_given_back(tmp_path):
-    with (
-        locked(tmp_path / "lock", SettingsError("held")),
-        pytest.raises(SettingsError, match="held"),
-        locked(tmp_path / "lock", SettingsError("held")),
-    ):
+    def lock():
+        return locked(tmp_path / "lock", SettingsError("held"))
+
+    with lock(), pytest.raises(SettingsError, match="held"), lock():
         pass
-    with locked(tmp_path / "lock", SettingsError("held")):
+    with lock():
         pass
-
-
-def test_a_check_creates_the_folder_only(tmp_path):
-    check_replaceable(tmp_path / "deep" / "a.txt")
-    assert list((tmp_path / "deep").iterdir()) == []
-
-
-def test_a_device_is_written_directly():
-    with replacing(Path(os.devnull)) as stream:
-        stream.write("gone")
 
 
 def test_a_file_that_cannot_be_written_is_refused_by_check_and_write(tmp_path):
+    check_replaceable(tmp_path / "deep" / "a.txt")
+    assert list((tmp_path / "deep").iterdir()) == [], "the folder is created"
+    with replacing(Path(os.devnull)) as stream:
+        stream.write("gone")
     with pytest.raises(FileError, match="cannot be written"):
         check_replaceable(tmp_path)
     with pytest.raises(FileError, match="No space left"), replacing(Path("/dev/full")) as stream:
@@ -125,15 +118,7 @@ def test_a_file_that_cannot_be_written_is_refused_by_check_and_write(tmp_path):
 
 @pytest.mark.parametrize(
     ("text", "size"),
-    [
-        ("0", 0),
-        ("1000", 1000),
-        ("500MB", 500_000_000),
-        ("8GiB", 8 * 2**30),
-        ("1.5 kib", 1536),
-        ("2T", 2 * 10**12),
-        (7, 7),
-    ],
+    [("0", 0), ("1000", 1000), ("500MB", 500_000_000), ("8GiB", 2**33), ("1.5 kib", 1536), ("2T", 2 * 10**12), (7, 7)],
 )
 def test_sizes_are_read_with_decimal_and_binary_units(text, size):
     assert parse_bytes(text) == size
@@ -154,6 +139,9 @@ def test_only_regular_files_within_the_limit_are_read(tmp_path):
         read_text(file, 9)
     with pytest.raises(FileError, match="more than 5 bytes"):  # its size is given as 0
         read_text(Path("/proc/self/status"), 5)
+    os.truncate(file, 2**33)
+    with pytest.raises(FileError, match="8589934592 bytes; the limit is 4194304"):
+        read_document(file)
     file.unlink()
     os.mkfifo(file)
     for path, kind in ((file, "a pipe"), (Path("/dev/zero"), "a character device"), (tmp_path, "a directory")):
@@ -178,13 +166,6 @@ def test_a_file_that_becomes_a_pipe_after_the_check_is_refused_without_waiting(t
         open_regular(tmp_path / "a")
 
 
-def test_a_document_that_is_too_large_is_refused_without_reading_it(tmp_path):
-    with (tmp_path / "a.toml").open("wb") as file:
-        file.truncate(2**33)
-    with pytest.raises(FileError, match="8589934592 bytes; the limit is 4194304"):
-        read_document(tmp_path / "a.toml")
-
-
 def test_a_fresh_path_is_the_first_that_does_not_exist(tmp_path):
     assert fresh_path(tmp_path / "demo") == tmp_path / "demo"
     for name in ("demo", "demo-2"):
@@ -192,6 +173,6 @@ def test_a_fresh_path_is_the_first_that_does_not_exist(tmp_path):
     assert fresh_path(tmp_path / "demo") == tmp_path / "demo-3"
 
 
-@pytest.mark.parametrize("text", ["2GiB", "500MB", "3MiB", "7GB", "1234567"])
+@pytest.mark.parametrize("text", ["2GiB", "500MB", "1234567"])
 def test_a_size_in_words_can_be_read_again(text):
     assert bytes_in_words(parse_bytes(text)) == text

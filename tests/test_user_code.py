@@ -4,6 +4,7 @@ import itertools
 import os
 import sys
 from concurrent.futures import ThreadPoolExecutor
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -45,17 +46,9 @@ def test_a_class_in_a_file_is_made_with_its_options():
     write(RIG)
     found = find_user_class("rig.py:Wall:stiffness=250,gain=0.5,port=/dev/ttyUSB0:9600,fast=true,at=a.py:B", "scene")
     wall = found.make()
-    assert (wall.stiffness, wall.more) == (
-        250,
-        {"gain": 0.5, "port": "/dev/ttyUSB0:9600", "fast": True, "at": "a.py:B"},
-    )
-    assert type(wall.stiffness) is int
+    assert (wall.stiffness, type(wall.stiffness)) == (250, int)
+    assert wall.more == {"gain": 0.5, "port": "/dev/ttyUSB0:9600", "fast": True, "at": "a.py:B"}
     assert (found.label, str(found.file)) == ("scene rig.py:Wall", "rig.py")
-
-
-def test_a_function_may_make_the_object():
-    write(RIG)
-    assert find_user_class("rig.py:make_wall", "scene").make().stiffness == 7
 
 
 def test_a_module_of_the_working_directory_is_found():
@@ -71,6 +64,7 @@ def test_the_classes_of_one_file_share_its_module():
     write(RIG)
     first = user_code.load_user_code("rig.py:Wall", "scene")
     second = user_code.load_user_code("./rig.py:make_wall", "operator")
+    assert second().stiffness == 7
     assert sys.modules[first.__module__] is sys.modules[second.__module__]
 
 
@@ -106,7 +100,6 @@ def test_an_edited_file_is_read_again_and_a_broken_edit_keeps_nothing():
 @pytest.mark.parametrize(
     ("text", "source"),
     [
-        ("paper", None),
         ("paper:1", None),
         ("scene.toml", None),
         ("a:b:c=d", ("a:b", "c=d")),
@@ -125,23 +118,14 @@ def test_what_has_the_form_of_user_code(text, source):
         ("no.such.place:A", None, "operator no.such.place:A: cannot find no.such.place"),
         ("rig.py", RIG, "operator 'rig.py': name the class in the file too, as in rig.py:MyClass"),
         ("rig.py:Wal", RIG, "operator rig.py:Wal: rig.py defines no class 'Wal'; it defines Wall"),
-        ("rig.py:number", RIG, "rig.py defines no class 'number'"),
         ("rig.py:Wall", "import nothing_of_the_kind", "importing rig.py raised ModuleNotFoundError: No module named"),
         ("rig.py:Wall", "class Wall\n", "importing rig.py raised SyntaxError: expected ':'"),
         ("rig.py:Wall", "\n1 / 0", r"raised ZeroDivisionError: division by zero \(rig.py, line 2\)"),
-        ("rig.py:Wall", "raise SystemExit('bye')", "importing rig.py raised SystemExit: bye"),
         ("rig.py:Wall", "import os\nos.open('none', 0)", "FileNotFoundError: .*line 2"),
-        ("rig.py:Wall", "\x00", "importing rig.py raised SyntaxError: source code string cannot contain null bytes"),
         ("rig.py:Wall:stiffness", RIG, "'stiffness' must be KEY=VALUE, each key once, as in stiffness=200"),
         ("rig.py:Wall:a=1,a=2", RIG, "'a=2' must be KEY=VALUE, each key once"),
-        ("rig.py:Wall:1=2", RIG, "'1=2' must be KEY=VALUE"),
         ("rig.py:make_wall:a=1", RIG, r"raised TypeError: make_wall\(\) got an unexpected keyword argument 'a'$"),
         ("rig.py:Wall", "class Wall:\n    def __init__(self):\n        exit(3)", "making it raised SystemExit: 3"),
-        (
-            "rig.py:Wall",
-            "class Wall:\n    def __init__(self):\n        raise BaseException",
-            "making it raised BaseException",
-        ),
         ("rig.py:Wall", "import asyncio\nraise asyncio.CancelledError", "raised asyncio.exceptions.CancelledError"),
     ],
 )
@@ -159,34 +143,23 @@ class Good:
         return 0.0
 
 
-class Keyed:
-    def step(self, _, *, gain):
-        return gain
+async def slow(_):
+    return 0.0
 
 
-class Slow:
-    async def step(self, _):
-        return 0.0
-
-
-class Many:
-    def step(self, _):
-        yield 0.0
-
-
-class Nameless:
-    step = 3
+def many(_):
+    yield 0.0
 
 
 @pytest.mark.parametrize(
     ("made", "message"),
     [
         (object(), r"it: has no method step\(sample\)"),
-        (Nameless(), r"it: has no method step\(sample\)"),
-        (Keyed(), r"it: cannot call step\(sample\): missing a required .*argument: 'gain'"),
+        (SimpleNamespace(step=3), r"it: has no method step\(sample\)"),
+        (SimpleNamespace(step=lambda _, *, gain: gain), r"cannot call step\(sample\): missing a required .*: 'gain'"),
         (Good, r"it: cannot call step\(sample\): missing a required argument: '_'"),
-        (Slow(), "it: step is a coroutine or generator; it must be a plain method"),
-        (Many(), "it: step is a coroutine or generator; it must be a plain method"),
+        (SimpleNamespace(step=slow), "it: step is a coroutine or generator; it must be a plain method"),
+        (SimpleNamespace(step=many), "it: step is a coroutine or generator; it must be a plain method"),
     ],
 )
 def test_a_method_that_cannot_be_called_is_refused(made, message):
@@ -230,13 +203,9 @@ def test_numbers_and_sequences_become_vectors(result, vector):
     ],
 )  # fmt: skip
 def test_anything_else_is_refused_with_what_was_returned(result):
-    with pytest.raises(
-        UserCodeError, match=r"^Mine.step returned .*; it must return a finite number \[N\]$"
-    ) as refused:
-        vector_from(result, 1, "Mine.step", "N")
-    assert "\n" not in str(refused.value)
-    with pytest.raises(UserCodeError, match=r"must return 3 finite numbers \[N\]$"):
-        vector_from(result, 3, "Mine.step", "N")
+    for axes, words in ((1, "a finite number"), (3, "3 finite numbers")):
+        with pytest.raises(UserCodeError, match=rf"^Mine.step returned [^\n]*; it must return {words} \[N\]$"):
+            vector_from(result, axes, "Mine.step", "N")
 
 
 def test_failures_name_method_and_line_and_let_ctrl_c_through():
