@@ -80,7 +80,6 @@ def test_a_recording_from_a_file_brings_its_own_times_and_positions(tmp_path):
     [
         ({"t_us": T_S}, "the median period of t_us is 0.001 µs; .* if these are seconds, pass them as t_s"),
         ({"t_s": T_S * 1e6}, "the median period of t_s is 1000 s; .* if these are microseconds, pass them as t_us"),
-        ({"t_s": T_S * 1e3}, "t_s is 1 s; .* milliseconds, pass t_s = milliseconds / 1000"),
         ({"t_us": T_S * 1e3}, "t_us is 1 µs; .* milliseconds, pass t_s = milliseconds / 1000"),
         ({"t_us": np.zeros(2000)}, "t_us is 0 µs; .* give rate_hz"),
         ({"t_s": T_S[:99]}, "t_s has 99 values for 2000 samples"),
@@ -93,7 +92,6 @@ def test_a_recording_from_a_file_brings_its_own_times_and_positions(tmp_path):
         ({"codec": "deadband:step_n=0.1", "step_n": 0.1}, "parameter 'step_n' is given twice"),
         ({"gain": 1.0}, "codec 'deadband' has no parameter 'gain'; it has: step_n"),
         ({"weber_fraction": -1.0}, "Weber fraction is -1.0"),
-        ({"rate_hz": "1000"}, "rate_hz is of type str; it must be a number"),
         ({"step_n": np.ones((9, 9))}, "step_n is of type ndarray; it must be a number"),
     ],
 )
@@ -109,12 +107,10 @@ def test_what_cannot_be_right_is_refused_with_the_value_seen(arguments, message)
         ([], "force is empty"),
         (None, "force is None"),
         (["1", "2"], "force is of type <U1; it must be real numbers"),
-        (np.array(["1.0", 2.0], dtype=object), "force is of type <U3; it must be real numbers"),
         (1j * FORCE, "force is of type complex128"),
         ([object()], "force is not made of numbers"),
         (FORCE.reshape(4, 500), r"force: recording of shape \(4, 500\); it must be \(n,\) or \(n, 1 to 3\)"),
         (np.where(T_S == 0.5, np.nan, FORCE), r"sample 500: stimulus \[nan\] is not finite"),
-        ([1.0, -np.inf], r"sample 1: stimulus \[-inf\] is not finite"),
         ([[1, 2], [3]], "inhomogeneous"),
         ([10**400, 1], "not made of numbers"),
         (np.ma.array([1.0, 2.0], mask=[False, True]), "force has masked values"),
@@ -154,17 +150,29 @@ def test_a_result_is_drawn():
     pyplot.close("all")
 
 
-def test_without_matplotlib_a_line_says_what_to_install(monkeypatch):
-    monkeypatch.setitem(sys.modules, "matplotlib", None)
-    with pytest.raises(hn.UnavailableError, match=r"pip install matplotlib"):
-        hn.encode(FORCE).plot()
+def test_without_an_optional_package_a_line_says_what_to_install(monkeypatch):
+    rows = hn.compare(FORCE, codecs=["deadband"], multipliers=[1, 2])
+    monkeypatch.setitem(sys.modules, "pandas", types.SimpleNamespace(DataFrame=list))
+    table = rows.to_dataframe()
+    assert [line["multiplier"] for line in table] == [1, 2]
+    assert {"trial", "label", "sent", "rmse_n", "optimum_holds"} <= set(table[0])
+    needing = {"pandas": rows.to_dataframe, "matplotlib": hn.encode(FORCE).plot}
+    for package, call in needing.items():
+        monkeypatch.setitem(sys.modules, package, None)
+        with pytest.raises(hn.UnavailableError, match=rf"pip install {package}"):
+            call()
 
 
 def test_compare_has_a_row_for_each_codec_and_threshold():
     rows = hn.compare(FORCE, codecs=["raw", "deadband", "deadband:step_n=0.01"], multipliers=(1, 4), rate_hz=1000)
-    assert [(row.label, row.multiplier) for row in rows] == [
-        ("raw", 1), ("deadband", 1), ("deadband:step_n=0.01", 1), ("deadband", 4), ("deadband:step_n=0.01", 4)
-    ]  # fmt: skip
+    assert [row.label for row in rows] == [
+        "raw",
+        "deadband",
+        "deadband:step_n=0.01",
+        "deadband",
+        "deadband:step_n=0.01",
+    ]
+    assert [row.multiplier for row in rows] == [1, 1, 1, 4, 4]
     assert rows[3].cost.sent == len(hn.encode(FORCE, multiplier=4).sent)
     assert rows[3].limits.holds == hn.fewest_holds(FORCE, law=hn.WeberLaw(multiplier=4))
     assert rows[3].limits.lines == hn.fewest_lines(FORCE, law=hn.WeberLaw(multiplier=4))
@@ -175,9 +183,8 @@ def test_compare_has_a_row_for_each_codec_and_threshold():
 def test_compare_takes_several_recordings_and_codec_objects():
     objects = [hn.make_codec("deadband", multiplier=3), "merging"]
     rows = hn.compare({"one": FORCE, "three": VECTORS}, codecs=objects, multipliers=[1], loss=0.05, seed=7)
-    assert [(row.trial, row.codec, row.multiplier) for row in rows] == [
-        ("one", "merging", 1), ("one", "deadband", 3), ("three", "merging", 1), ("three", "deadband", 3)
-    ]  # fmt: skip
+    assert [row.trial for row in rows] == ["one", "one", "three", "three"]
+    assert [(row.codec, row.multiplier) for row in rows] == 2 * [("merging", 1), ("deadband", 3)]
     assert [row.label for row in hn.compare(FORCE, codecs="deadband", multipliers=2)] == ["deadband"]
     assert [row.label for row in hn.compare(FORCE, codecs=objects[0])] == ["deadband"]
 
@@ -193,33 +200,27 @@ def test_a_comparison_that_cannot_be_made_is_refused(arguments, message):
         hn.compare([1.0])
 
 
-def test_rows_become_a_data_frame_where_pandas_is_installed(monkeypatch):
-    rows = hn.compare(FORCE, codecs=["deadband"], multipliers=[1, 2])
-    monkeypatch.setitem(sys.modules, "pandas", types.SimpleNamespace(DataFrame=list))
-    table = rows.to_dataframe()
-    assert [line["multiplier"] for line in table] == [1, 2]
-    assert {"trial", "label", "sent", "rmse_n", "optimum_holds"} <= set(table[0])
-    monkeypatch.setitem(sys.modules, "pandas", None)
-    with pytest.raises(hn.UnavailableError, match=r"to_dataframe\(\) needs pandas: pip install pandas"):
-        rows.to_dataframe()
-
-
 def test_measures_take_what_encode_gives():
     result = hn.encode(VECTORS, codec="deadband", position=0.01 * VECTORS)
     quality = hn.quality_report(VECTORS, result.decoded, sent=result.sent, rate_hz=1000, position=result.position)
     report = result.report()
     assert dataclasses.asdict(quality).items() <= dataclasses.asdict(report).items()
-    with pytest.raises(hn.SampleError, match="applied has 1999 samples of 3 axes, true 2000 of 3; they must match"):
-        hn.error_report(VECTORS, result.decoded[1:])
-    with pytest.raises(hn.SampleError, match="sent must be increasing indices from 0 to 1999"):
-        hn.quality_report(VECTORS, result.decoded, sent=result.t_us)
-    with pytest.raises(hn.SampleError, match=r"applied\[0\] is not finite"):
-        hn.error_report([1.0], [np.nan])
     energy = hn.energy_report(VECTORS, result.decoded, position=0.01 * VECTORS)
     assert energy.put_in_j > 0.0
     assert 0.0 <= energy.created_share < 0.1
-    with pytest.raises(hn.SampleError, match="position has 2000 samples of 1 axis, true 2000 of 3"):
-        hn.energy_report(VECTORS, result.decoded, position=VECTORS[:, 0])
+    for measure, given, more, message in (
+        (hn.error_report, (VECTORS, result.decoded[1:]), {}, "applied has 1999 samples of 3 axes, true 2000 of 3"),
+        (hn.error_report, ([1.0], [np.nan]), {}, r"applied\[0\] is not finite"),
+        (
+            hn.quality_report,
+            (VECTORS, VECTORS),
+            {"sent": result.t_us},
+            "sent must be increasing indices from 0 to 1999",
+        ),
+        (hn.energy_report, (VECTORS, VECTORS), {"position": FORCE}, "position has 2000 samples of 1 axis, true 2000"),
+    ):
+        with pytest.raises(hn.SampleError, match=message):
+            measure(*given, **more)
 
 
 def test_streaming_is_the_same_as_encoding_at_once():
@@ -287,10 +288,6 @@ def test_a_virtual_link_takes_objects_of_the_user_with_three_axes():
     assert report.felt_rmse_n < 0.1
     samples = link.slave_samples()
     assert samples["force_y_n"] == pytest.approx(100.0 * samples["position_y_m"], abs=1e-6)
-    with pytest.raises(hn.SettingsError, match=r"scene: has no method step\(sample\)"):
-        hn.virtual_link(scene=3)
-    with pytest.raises(hn.SettingsError, match=r"operator: has no method sample\(t_us\)"):
-        hn.virtual_link(operator=Ball())
 
 
 def test_a_virtual_link_without_a_session_says_so():
@@ -300,10 +297,20 @@ def test_a_virtual_link_without_a_session_says_so():
         link.report()
     with pytest.raises(hn.SettingsError, match="seconds is -1"):
         link.run(seconds=-1)
-    with pytest.raises(hn.SettingsError, match="unknown scene 'nowhere'"):
-        hn.virtual_link(scene="nowhere")
-    with pytest.raises(hn.SettingsError, match="it must be text, such as 'wifi'"):
-        hn.virtual_link(feedback=0.05)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ({"scene": "nowhere"}, "unknown scene 'nowhere'"),
+        ({"scene": 3}, r"scene: has no method step\(sample\)"),
+        ({"operator": object()}, r"operator: has no method sample\(t_us\)"),
+        ({"feedback": 0.05}, "it must be text, such as 'wifi'"),
+    ],
+)
+def test_a_virtual_link_that_cannot_be_made_is_refused(arguments, message):
+    with pytest.raises(hn.SettingsError, match=message):
+        hn.virtual_link(**arguments)
 
 
 @pytest.mark.plain
@@ -330,7 +337,5 @@ def _broken(inner, half):
     def broken(t_us, *arguments):
         return getattr(inner, half)(t_us, *arguments) if t_us < 1_000_000 else 1 / 0
 
-    keep = {
-        name: getattr(inner, name) for name in ("encode", "refresh", "decode", "reconstruct") if hasattr(inner, name)
-    }
-    return types.SimpleNamespace(**{**keep, **({half: broken} if half in keep else {})})
+    names = [name for name in ("encode", "refresh", "decode", "reconstruct") if hasattr(inner, name)]
+    return types.SimpleNamespace(**{name: broken if name == half else getattr(inner, name) for name in names})

@@ -136,8 +136,13 @@ def ticked(address):
     return report
 
 
-def test_the_report_of_a_master_has_the_fields_that_the_command_prints(by_command):
+def test_the_report_of_a_master_has_the_fields_that_the_command_prints(by_command, tmp_path):
     with hn.ThreadedSlave("paper:1", listen=ANY_PORT) as slave:
+        with hn.ThreadedMaster(slave.address, record=tmp_path / "run.csv") as master:
+            master.exchange(0.0)
+        recorded = master.report()["recording"]
+        assert recorded["stopped"] is None
+        assert "sessions_not_recorded" in recorded
         with hn.ThreadedMaster(slave.address, device="sim") as master:
             for _ in range(20):
                 master.exchange(0.0)
@@ -147,16 +152,6 @@ def test_the_report_of_a_master_has_the_fields_that_the_command_prints(by_comman
         assert running["lateness"]["count"] > 0
         assert json.loads(json.dumps(running)) == running, "it is JSON"
         assert fields(ticked(slave.address)) == fields(by_command[0])
-
-
-def test_the_report_of_a_recording_master_has_the_account_of_the_recording(tmp_path):
-    with (
-        hn.ThreadedSlave("paper:1", listen=ANY_PORT) as slave,
-        hn.ThreadedMaster(slave.address, record=tmp_path / "run.csv") as master,
-    ):
-        master.exchange(0.0)
-    assert master.report()["recording"]["stopped"] is None
-    assert "sessions_not_recorded" in master.report()["recording"]
 
 
 def test_the_report_of_a_slave_has_the_fields_that_the_command_prints(by_command):
@@ -170,21 +165,24 @@ def test_the_report_of_a_slave_has_the_fields_that_the_command_prints(by_command
     slave.close()
 
 
-def test_the_report_of_an_encoding_has_the_fields_that_the_command_prints(tmp_path):
+@pytest.fixture
+def file(tmp_path):
     t_s = np.arange(2000) / 1000
     np.savetxt(tmp_path / "force.csv", np.column_stack([t_s, 2 + np.sin(t_s)]), delimiter=",", header="t_s,force_n")
-    printed = json.loads(hapticnet("encode", tmp_path / "force.csv", "--json").stdout)
-    report = asdict(hn.encode(hn.load_recording(tmp_path / "force.csv")).report())
+    return tmp_path / "force.csv"
+
+
+def test_the_report_of_an_encoding_has_the_fields_that_the_command_prints(file):
+    printed = json.loads(hapticnet("encode", file, "--json").stdout)
+    report = asdict(hn.encode(hn.load_recording(file)).report())
     del printed["provenance"], printed["samples_per_second"]  # of the process and its speed
     assert printed == pytest.approx(report)
 
 
-def test_a_comparison_has_the_rows_that_the_command_prints(tmp_path):
-    t_s = np.arange(2000) / 1000
-    np.savetxt(tmp_path / "force.csv", np.column_stack([t_s, 2 + np.sin(t_s)]), delimiter=",", header="t_s,force_n")
+def test_a_comparison_has_the_rows_that_the_command_prints(file):
     arguments = ("--codecs", "deadband;raw", "--multipliers", "2", "--loss", "5%", "--json")
-    printed = json.loads(hapticnet("compare", tmp_path / "force.csv", *arguments).stdout)
-    force = {"force": hn.load_recording(tmp_path / "force.csv")}
+    printed = json.loads(hapticnet("compare", file, *arguments).stdout)
+    force = {"force": hn.load_recording(file)}
     rows = [row.flat() for row in hn.compare(force, codecs=["deadband", "raw"], multipliers=2.0, loss=0.05)]
     for row, own in zip(printed["rows"], json.loads(json.dumps(rows)), strict=True):
         del row["nanoseconds_per_sample"], own["nanoseconds_per_sample"]  # the speed of this machine

@@ -3,7 +3,6 @@
 import re
 import shutil
 
-import numpy as np
 import pytest
 
 import hapticnet as hn
@@ -13,6 +12,7 @@ from tests.ready import hapticnet
 ANYWHERE = "0.0.0.0:0"
 ELSEWHERE = "192.0.2.1:47800"  # RFC 5737: never assigned, so nothing is reached
 OPEN = "127.0.0.1:0"
+FORCE = "t_s,force_n\n0,1\n0.001,2\n"
 SPRING = """
 class Spring:
     def step(self, sample):
@@ -71,7 +71,6 @@ def as_parameters(text):
         {"peer_key": "abc"},
         {"peer_key": "PEER"},
         {"key": "other.toml"},
-        {"key": "missing.toml", "peer_key": "PEER"},
         {"key": "~/missing.toml", "peer_key": "PEER"},
         {"peer_key": "PEER", "insecure": True},
     ],
@@ -110,15 +109,16 @@ def test_a_list_is_checked_as_the_command_checks_it(home):
     assert "is the slave's own" in said_in_python(hn.ThreadedSlave, listen=OPEN, key="~/key.toml")
 
 
-def test_a_tilde_is_the_home_folder_in_python(home):
+def test_a_tilde_is_the_home_folder_in_python_and_an_object_from_a_file_is_closed(home, caplog):
     (home / "spring.py").write_text(SPRING)
-    np.savetxt(home / "force.csv", [[0.0, 1.0], [0.001, 2.0]], delimiter=",", header="t_s,force_n", comments="")
+    (home / "force.csv").write_text(FORCE)
     assert len(hn.load_recording("~/force.csv").force) == 2
     with (
         hn.ThreadedSlave("~/spring.py:Spring", listen=OPEN) as slave,
         hn.ThreadedMaster(slave.address, record="~/run.csv") as master,
     ):
         master.exchange(0.0)
+    assert "the arm is gone" in caplog.text
     assert read_session(home / "run.csv").complete
     with hn.ThreadedSlave("recording:~/force.csv", listen=OPEN):
         pass
@@ -128,7 +128,7 @@ def test_a_tilde_is_the_home_folder_in_python(home):
 
 def test_a_tilde_that_the_shell_leaves_is_the_home_folder_on_the_command_line(home):
     """As in --key=~/key.toml and trace:~/hand.csv, and in files and variables."""
-    np.savetxt(home / "force.csv", [[0.0, 1.0], [0.001, 2.0]], delimiter=",", header="t_s,force_n", comments="")
+    (home / "force.csv").write_text(FORCE)
     assert hapticnet("encode", "~/force.csv", "--report=~/report.json").returncode == 0
     assert (home / "report.json").exists()
     assert hapticnet("key", "new", "~/new/key.toml").returncode == 0
@@ -143,12 +143,5 @@ def test_a_tilde_that_the_shell_leaves_is_the_home_folder_on_the_command_line(ho
 
 
 def test_a_name_that_only_begins_with_a_tilde_stays(tmp_path):
-    (tmp_path / "work" / "~nobody-has-this-name.csv").write_text("t_s,force_n\n0,1\n0.001,2\n")
+    (tmp_path / "work" / "~nobody-has-this-name.csv").write_text(FORCE)
     assert len(hn.load_recording("~nobody-has-this-name.csv").force) == 2
-
-
-def test_an_object_made_from_a_file_is_closed_with_the_slave(home, caplog):
-    (home / "spring.py").write_text(SPRING)
-    with hn.ThreadedSlave("~/spring.py:Spring", listen=OPEN) as slave, hn.ThreadedMaster(slave.address) as master:
-        master.exchange(0.0)
-    assert "the arm is gone" in caplog.text

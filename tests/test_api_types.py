@@ -47,7 +47,6 @@ mine: hn.Codec = Mine()
 force = np.ones(100)
 result = hn.encode(force, t_s=np.arange(100) / 1e3, codec="deadband", multiplier=2, step_n=0.001)
 reveal_type(result)
-reveal_type(result.decoded.shape)
 reveal_type(result.report().rmse_n)
 rows = hn.compare({"a": force, "b": [1.0, 2.0]}, codecs=["raw", hn.make_codec("deadband")], jobs=2)
 reveal_type([row.cost.sent for row in rows])
@@ -63,7 +62,7 @@ link.run(1)
 hn.nothing
 """
 
-REVEALED = ("hapticnet.api.encoding.Encoded", "tuple[Any, ...]", "float", "list[int]", "bytes | None", "float", "int")
+REVEALED = ("hapticnet.api.encoding.Encoded", "float", "list[int]", "bytes | None", "float", "int")
 MISTAKES = (
     'Argument "rate_hz" to "encode" has incompatible type "str"',
     'Too many positional arguments for "encode"',
