@@ -270,10 +270,9 @@ def test_a_recording_says_what_the_program_changed_and_when(tmp_path, suffix):
     file = tmp_path / f"run{suffix}"
     with (
         hn.ThreadedSlave(Spring(), listen=ANY_PORT, fastest_rate_hz=500.0) as slave,
-        hn.ThreadedMaster(slave.address, start=0.005, multiplier=2.0, device="sim", record=file) as master,
+        hn.ThreadedMaster(slave.address, start=0.005, multiplier=2.0, record=file) as master,
     ):
-        wait_until(lambda: master.node.target_n > 0.9)
-        assert "simulated device" in master.report()["device"]["description"]
+        wait_until(lambda: master.force_n[0] > 0.0)
         master.change(codec="level-crossing", multiplier=4.0)
         wait_until(lambda: len(master.report()["in_force"]) == 2)
         master.exchange(0.005)
@@ -283,10 +282,20 @@ def test_a_recording_says_what_the_program_changed_and_when(tmp_path, suffix):
     assert (first["codec"], first["multiplier"], first["rate_hz"]) == ("deadband", 2.0, 500.0), "as granted"
     assert (second["codec"], second["multiplier"], second["scene"]) == ("level-crossing", 4.0, "Spring")
     assert second["parameters"] == codec_parameters(hn.make_codec("level-crossing")) != {}
+    (note,) = (note for note in hn.load_recording(file).notes if "changed during this recording" in note)
+    assert note.startswith(f"codec, multiplier, parameters changed during this recording, at t_us {second_us}: ")
+
+
+def test_a_master_records_itself_and_presses_a_device_named_by_a_text(tmp_path):
+    file = tmp_path / "run.csv"
+    with (
+        hn.ThreadedSlave(Spring(), listen=ANY_PORT) as slave,
+        hn.ThreadedMaster(slave.address, start=0.005, device="sim", record=file) as master,
+    ):
+        wait_until(lambda: master.node.target_n > 0.9)
+        assert "simulated device" in master.report()["device"]["description"]
     recording = hn.load_recording(file, columns="held_n")
     assert recording.force.max() == pytest.approx(1.0, rel=0.1)  # within the deadband
-    (note,) = (note for note in recording.notes if "changed during this recording" in note)
-    assert note.startswith(f"codec, multiplier, parameters changed during this recording, at t_us {second_us}: ")
 
 
 @pytest.mark.parametrize(
