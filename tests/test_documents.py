@@ -19,7 +19,7 @@ import hapticnet
 from hapticnet.documents import LARGEST_DOCUMENT, MOST_PARTS, parse_document, parse_tables
 from hapticnet.errors import FileError, HapticnetError
 from hapticnet.study.plan import LimitsPlan, QuestionPlan
-from hapticnet.study.texts import Texts
+from hapticnet.study.screens import Texts
 
 PARTS = ("a", "_-9", '"b c"', "'.'", '"\\"."', '""')
 LONG_S = 20.0

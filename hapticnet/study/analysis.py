@@ -30,17 +30,11 @@ from hapticnet.study.statistics import (
     two_sided,
 )
 
-CHANCE: Final = 1 / 6
-"""Share of correct orders by guessing."""
-
-MARGIN: Final = 0.1
-"""Default margin of equivalence: the plan's, which is stated before the study."""
-
+CHANCE: Final = 1 / 6  # share of correct orders by guessing
+MARGIN: Final = 0.1  # default margin of equivalence: the plan's, which is stated before the study
+# Standard errors of the share of correct orders in Fig. 5 of "Cutaneous haptic deadband compression".
 PAPER_ERRORS: Final = {"none": 0.075, "1 JND": 0.056, "2 JND": 0.049, "4 JND": 0.065}
-"""Standard errors of the share of correct orders in Fig. 5 of "Cutaneous haptic deadband compression"."""
-
 APART: Final = "analyse each in a folder of its own"
-
 Interval: TypeAlias = tuple[float, float]
 
 
@@ -91,7 +85,7 @@ def _right_pairs(rows: Sequence[OrderRow]) -> float | None:
     return mean(row.pairs_correct / 3 for row in rows if row.pairs_correct is not None)
 
 
-MEASURES: Final = {
+MEASURES: Final = {  # the rating is of the rows of ratings, the others are of the trials
     "correct": Measure("correct orders", _mean_of("correct"), "{:.1f} %", 100.0),
     "pairs": Measure("correct pairs", _right_pairs, "{:.1f} %", 100.0),
     "kendall": Measure("Kendall's distance", _mean_of("kendall"), "{:.2f}"),
@@ -110,11 +104,10 @@ MEASURES: Final = {
     "speed_m_per_s": Measure("largest speed in contact", _mean_of("peak_speed_m_per_s"), "{:.0f} mm/s", 1000.0),
     "rating": Measure("rating, 1 to 7", _mean_of("rating"), "{:.2f}"),
 }
-"""The rating is of the rows of ratings, the others are of the trials."""
 
 SHARES: Final = "correct", "pairs"  # from 0 to 1
+# Measures that are compared between conditions; a margin of equivalence is stated for the first.
 COMPARED: Final = "correct", "pairs", "kendall", "time_s", "insertions", "peak_n", "rating"
-"""Measures that are compared between conditions; a margin of equivalence is stated for the first."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -195,14 +188,10 @@ class Results:
 def analyse(rows: Sequence[OrderRow], *, margin: float = MARGIN, seed: int = 1) -> Results:
     """Return the results of the ordering task.
 
-    Parameters
-    ----------
-    margin
-        Difference in the share of correct orders below which a condition counts as equal to no compression.
-    seed
-        Seed of the resamples for the interval of the curve.
+    `margin`: difference in the share of correct orders below which a condition counts as equal to no compression.
+    `seed`: seed of the resamples for the interval of the curve.
 
-    Raises SettingsError if no trial was answered, or the trials belong to two designs or to people and observers.
+    Raise SettingsError if no trial was answered, or the trials belong to two designs or to people and observers.
     """
     trials = accepted(rows)
     if not trials:
@@ -249,7 +238,6 @@ def _ratings(rows: Sequence[OrderRow], trials: Sequence[OrderRow]) -> list[Order
 
 
 def _check_design(rows: Sequence[OrderRow], trials: Sequence[OrderRow]) -> None:
-    """Raise SettingsError unless all trials belong to one study."""
     for row in trials:
         _check_answer(row)
     if len({row.observer is None for row in rows if row.event == "trial"}) > 1:
@@ -316,7 +304,6 @@ def _missing(
 
 
 def _laws(trials: Sequence[OrderRow]) -> tuple[UsedLaw, ...]:
-    """Return what 1 JND was for each participant."""
     found = {
         (row.participant, row.jnd_source or "unknown", row.weber_fraction, row.floor_n)
         for row in trials

@@ -12,14 +12,12 @@ from hapticnet.study.rows import MISSING, LimitsRow, OrderRow, Row, answers_abou
 from hapticnet.study.store import read_people, read_table, table_files
 
 BIDS_VERSION: Final = "1.10.0"
-
 TASKS: Final[dict[str, tuple[type[Row], str]]] = {
     "order": (OrderRow, "Ordering of three virtual tissues by stiffness"),
     "limits": (LimitsRow, "Just-noticeable difference of a force at the fingertip"),
 }
-
+# Columns to which BIDS gives another name; the others have the name of the row's attribute.
 BIDS_NAMES: Final = {"onset_s": "onset", "duration_s": "duration", "response_time_s": "response_time"}
-"""Columns to which BIDS gives another name; the others have the name of the row's attribute."""
 
 
 def export(source: Path, target: Path, *, name: str, people: str = "") -> list[Path]:
@@ -52,7 +50,6 @@ def export(source: Path, target: Path, *, name: str, people: str = "") -> list[P
 def _bids(
     rows: Mapping[tuple[str, str, int], Sequence[Row]], name: str, authors: Sequence[str], source: Path
 ) -> dict[str, str]:
-    """Return the texts of the files by their paths."""
     every = [row for own in rows.values() for row in own]
     description = "Ordering of virtual tissues and JNDs of force at the fingertip, measured by hapticnet experiment."
     observers = sorted({row.observer for row in every if row.observer})

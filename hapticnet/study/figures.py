@@ -26,20 +26,15 @@ from hapticnet.study.statistics import falling
 
 HEIGHT_IN: Final = 3.6
 FORMS: Final = ("pdf", "png")
-TITLE_WIDTH: Final = 80
-"""Characters in a line of a title."""
+TITLE_WIDTH: Final = 80  # characters in a line of a title
 PAPER: Final = "the paper"
-ASIDE: Final = 0.22
-"""Distance of the participants' points from the middle of a bar, which is 0.55 wide."""
+ASIDE: Final = 0.22  # distance of the participants' points from the middle of a bar, which is 0.55 wide
 
 
 def draw_results(results: Results, folder: Path) -> list[Path]:
     """Draw every figure of the results as PDF and PNG; return the files.
 
-    Raises
-    ------
-    UnavailableError
-        If matplotlib is missing.
+    Raise UnavailableError if matplotlib is missing.
     """
     paints: dict[str, Callable[[Any, Results], None]] = {
         "bytes-per-penetration": _bytes,

@@ -19,9 +19,7 @@ from hapticnet.study.screens import Screen, ScreenKind, Screens
 
 NO_CONSENT: Final = "no consent"  # reason for the end of a session whose participant did not agree
 KILLED: Final = "the process ended during the trial"
-
-CALM_US: Final = 1_000_000
-"""Time [µs] for which a screen is shown before Escape ends the session: a second press was meant for the trial."""
+CALM_US: Final = 1_000_000  # time [µs] before Escape ends the session: a second press was meant for the trial
 
 
 class Flow(ABC, Generic[AnyRow]):
@@ -194,7 +192,6 @@ class Flow(ABC, Generic[AnyRow]):
             self._next(now_us)
 
     def _unasked(self) -> list[QuestionPlan]:
-        """Return the questions about the participant that are still to be asked."""
         asked = answers_about(self.rows)
         return [question for question in self._questions if question.name not in asked]
 
@@ -218,11 +215,9 @@ class Flow(ABC, Generic[AnyRow]):
 
     @staticmethod
     def _attempts(number: int, rows: Sequence[AnyRow]) -> int:
-        """Return how often trial `number` was begun in vain."""
         return sum(row.this_n == number and row.event in ("aborted", "repeated") for row in rows)
 
     def _perform(self, screen: Screen, activity: Activity, now_us: int) -> None:
-        """Let the rig present an item; it has met the finger."""
         self._emit("started", now_us, **self._values(None))
         self._show(screen, now_us, activity)
 
@@ -236,7 +231,6 @@ class Flow(ABC, Generic[AnyRow]):
 
     @property
     def _breaks(self) -> int:
-        """Breaks so far."""
         return sum(row.event == "break" for row in self.rows)
 
     @abstractmethod

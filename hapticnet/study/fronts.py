@@ -25,9 +25,8 @@ from hapticnet.study.flow import Flow
 from hapticnet.study.observers import Look, Observer, ObserverSettings, contacts
 from hapticnet.study.rig import Outcome, Rig
 from hapticnet.study.rows import AnyRow
-from hapticnet.study.screens import Screen, ScreenKind, question_of
+from hapticnet.study.screens import Screen, ScreenKind, Texts, question_of
 from hapticnet.study.tasks import LimitsFlow
-from hapticnet.study.texts import Texts
 from hapticnet.study.trial import Played
 
 KEY_NAMES: Final = {
@@ -154,7 +153,6 @@ class KeyFront(ABC):
             listening.cancel()
 
     def _present(self, flow: Flow[AnyRow]) -> None:
-        """Show the present screen, if it has changed."""
         screen, before = flow.screen, self._shown
         if screen != before:
             self._shown = screen
@@ -162,7 +160,6 @@ class KeyFront(ABC):
             self._print(flow)
 
     async def _next(self) -> Said:
-        """Return what the person says next."""
         while True:
             number, said = await self._said.get()
             if number is None or number == self.number:

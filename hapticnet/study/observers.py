@@ -30,29 +30,20 @@ CUE_FIELDS: Final[Mapping[Cue, str]] = {
     "updates": "updates",
 }
 
+# A JND is the difference that is told right in 75 % of forced choices: 0.954 standard deviations of one judgement.
 SIGMAS_PER_JND: Final = NormalDist().inv_cdf(0.75) * math.sqrt(2.0)
-"""A JND is the difference that is told right in 75 % of forced choices: 0.954 standard deviations of one judgement."""
-
-LEAST_FORCE_N: Final = 0.01
-"""Cues below this are raised to it before their logarithm is taken: a tissue that was hardly felt is very soft."""
-
+LEAST_FORCE_N: Final = 0.01  # smaller cues are raised to it before the logarithm: a tissue hardly felt is very soft
 RATING_SD: Final = 0.7
 RESPONSE_SPREAD: Final = 0.4
 
-LARGEST: Final = {
+LARGEST: Final = {  # largest value of each parameter
     "force_jnd": 1.0, "force_floor_n": 1.0, "stiffness_jnd": 10.0, "criterion": 10.0, "spread": 2.0, "lapse": 1.0,
     "step_masking": 100.0, "step_lapses": 100.0, "rhythm": 100.0, "annoyance": 10.0, "response_s": 1000.0,
 }  # fmt: skip
-"""Largest value of each parameter."""
 
-EARLY_M: Final = 3e-3
-"""Indentation [m] over which the early force is averaged."""
-
-LEAST_DEPTH_M: Final = 1e-3
-"""A contact that reaches less than this indentation [m] is not a look at the tissue: tremor grazes a surface."""
-
-STEP_FROM_N: Final = 0.3
-"""Held force [N] above which steps are measured; below it the floor of the threshold makes them larger."""
+EARLY_M: Final = 3e-3  # indentation [m] over which the early force is averaged
+LEAST_DEPTH_M: Final = 1e-3  # a contact with less indentation [m] is no look at the tissue: tremor grazes a surface
+STEP_FROM_N: Final = 0.3  # held force [N] above which steps are measured; below it the threshold's floor enlarges them
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -132,9 +123,7 @@ class ObserverSettings:
         )
 
 
-FITTED_STIFFNESS_JND: Final = 0.255
-"""JND of stiffness with which the peak cue gives the paper's 77.5 % without compression."""
-
+FITTED_STIFFNESS_JND: Final = 0.255  # with it the peak cue gives the paper's 77.5 % without compression
 OBSERVERS: Final[Mapping[str, ObserverSettings]] = {
     each.name: each
     for each in (
@@ -159,10 +148,7 @@ fitted to the paper's results at 2 and 4 JND, so they predict nothing about them
 def parse_observer(text: str) -> ObserverSettings:
     """Return the observer written as ``NAME[:KEY=VALUE,…]``, such as ``literature:force_jnd=0.1,cue=slope``.
 
-    Raises
-    ------
-    SettingsError
-        If there is no such observer or parameter, or a value is out of range.
+    Raise SettingsError if there is no such observer or parameter, or a value is out of range.
     """
     name, _, given = text.partition(":")
     if name not in OBSERVERS:
@@ -267,13 +253,9 @@ def judged(
 ) -> "np.ndarray[tuple[int, ...], np.dtype[np.int64]]":
     """Return the orders that an observer would answer in many trials, from softest to hardest, shape (n, tissues).
 
-    Parameters
-    ----------
-    cues, updates, steps, counts
-        For each trial and tissue, shape (n, tissues): the felt cue, the number of updates, the step, and the number of
-        contacts.
-    factor
-        By how much each trial's observer is noisier than the settings, shape (n, 1).
+    `cues`, `updates`, `steps`, `counts`: for each trial and tissue, shape (n, tissues): the felt cue, the number of
+    updates, the step, and the number of contacts. `factor`: by how much each trial's observer is noisier than the
+    settings, shape (n, 1).
     """
     trials = len(cues)
     step = steps.mean(axis=1, keepdims=True)

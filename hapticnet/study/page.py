@@ -24,8 +24,7 @@ from hapticnet.study.flow import Flow
 from hapticnet.study.fronts import KeyFront, Stop
 from hapticnet.study.rig import Activity, Outcome, Rig
 from hapticnet.study.rows import AnyRow
-from hapticnet.study.screens import Screen, ScreenKind
-from hapticnet.study.texts import Texts
+from hapticnet.study.screens import Screen, ScreenKind, Texts
 from hapticnet.study.trial import Stimulus
 from hapticnet.web import messages
 from hapticnet.web.audience import Audience, hello
@@ -185,7 +184,6 @@ class ParticipantPage(KeyFront, Audience):
         self._send_frames(self._tip_m, self._mirror)
 
     def _restart(self) -> None:
-        """Put the needle and all tissues back."""
         self._tell_ready(False)
         self.seat.let_go()
         if self._hand is not None:

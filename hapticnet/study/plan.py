@@ -17,21 +17,16 @@ from hapticnet.files import user_path
 from hapticnet.hardware import MAX_FORCE_N
 from hapticnet.perception import JND_REFERENCE_FORCES_N, PAPER_FLOOR_N, PAPER_WEBER_FRACTION, WeberLaw
 from hapticnet.scene.sources import PAPER_BREACH_FORCES_N, PAPER_GAP_M
-from hapticnet.study.texts import Texts, english, find_texts
+from hapticnet.study.screens import Texts, english, find_texts
 
+# Breach forces [N] in the ratios of the paper's, all within the 4.6 N that the device reaches. The paper's largest,
+# 5 N, is felt as 4.6 N: the upper gap shrinks from ln(5/3.5) = 0.357 to ln(4.54/3.33) = 0.309.
 REACHABLE_BREACH_FORCES_N: Final = (1.8, 3.15, 4.5)
-"""Breach forces [N] in the ratios of the paper's, all within the 4.6 N that the device reaches.
-
-The paper's largest, 5 N, is felt as 4.6 N: the upper gap shrinks from ln(5/3.5) = 0.357 to ln(4.54/3.33) = 0.309.
-"""
-
 PLAN_FILE: Final = "plan.toml"  # name of the plan within the folder of a study
-ASK: Final = "ask"
-NO_CONSENT: Final = "none, because "
-"""What a plan says of the consent: it is asked for on the screen, or it is not, for a reason."""
-
+ASK: Final = "ask"  # what a plan says of the consent: it is asked for on the screen,
+NO_CONSENT: Final = "none, because "  # or it is not, for a reason
+# Largest force [N] that is asked of the device (docs/understand/safety.md). Two forces beyond it feel the same.
 REACHED_N: Final = MAX_FORCE_N - ForceControlSettings().headroom_n
-"""Largest force [N] that is asked of the device (docs/understand/safety.md). Two forces beyond it feel the same."""
 
 Arrangement: TypeAlias = Literal["blocked", "interleaved"]
 Method: TypeAlias = Literal["ascending", "up-down", "bayesian"]
@@ -232,11 +227,10 @@ class Plan(BaseModel):
         return hashlib.sha256(json.dumps(self.model_dump(), sort_keys=True).encode()).hexdigest()
 
 
-PRESETS: Final = {
+PRESETS: Final = {  # plans that need no file: the paper's, and the same with forces that the device reaches
     "paper": Plan(),
     "reachable": Plan(name="reachable", order=OrderPlan(breach_forces_n=list(REACHABLE_BREACH_FORCES_N))),
 }
-"""Plans that need no file: the paper's, and the same with forces that the device reaches."""
 
 
 def find_plan(spec: str) -> Plan:

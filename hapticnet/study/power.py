@@ -11,22 +11,13 @@ from hapticnet.arrays import FloatArray
 from hapticnet.checks import check_integer, check_parameter
 from hapticnet.errors import SettingsError
 from hapticnet.study.analysis import MARGIN
-from hapticnet.study.statistics import (
-    ALPHA,
-    chance_variance,
-    equivalence,
-    mean_interval,
-    sign_flip,
-    two_sided,
-)
+from hapticnet.study.statistics import ALPHA, chance_variance, equivalence, mean_interval, sign_flip, two_sided
 
 SHARE_SPREAD: Final = 0.7
 """Standard deviation over participants of the log odds of a correct order. An assumption; the paper's standard errors
 (5 to 7.5 % of 8 participants) are a little above what 10 trials each give without any."""
 
-CHUNK: Final = 100
-"""Experiments that are simulated at a time."""
-
+CHUNK: Final = 100  # experiments that are simulated at a time
 LEAST_EFFECT: Final = 0.03
 NO_EFFECT: Final = (
     "These shares hardly differ between conditions, so no number of participants finds a difference. Choose the number"
@@ -57,7 +48,6 @@ class ShareAnswers:
 
 
 def _log_odds(share: float, spread: float) -> float:
-    """Return the mean log odds of participants whose mean share is given."""
     nodes, weights = np.polynomial.hermite_e.hermegauss(31)
     weights = weights / weights.sum()
     low, high = -10.0, 10.0
@@ -95,17 +85,10 @@ def power(
 ) -> list[Power]:
     """Simulate experiments of each design and return what they find.
 
-    Parameters
-    ----------
-    designs
-        Pairs of participants and trials of each condition.
-    on_design
-        Called with each design before it is simulated.
+    `designs`: pairs of participants and trials of each condition. `on_design`: called with each design before it is
+    simulated.
 
-    Raises
-    ------
-    SettingsError
-        If a number is out of range.
+    Raise SettingsError if a number is out of range.
     """
     check_integer("number of experiments", experiments, 100, 1_000_000)
     check_parameter("margin", margin, 0.001, 1.0)

@@ -22,18 +22,12 @@ from hapticnet.arrays import FloatArray
 from hapticnet.study.plan import LimitsPlan
 from hapticnet.study.schedule import Series
 
-Z_75: Final = NormalDist().inv_cdf(0.75)
-Z_70: Final = NormalDist().inv_cdf(math.sqrt(0.5))
-"""Standard deviations of the felt difference at 75 % right, and at 70.7 %, where 1-up-2-down settles."""
-
-LAPSE: Final = 0.02
-"""Share of answers that are given without regard to the stimulus; half of them are right. An assumption."""
-
+Z_75: Final = NormalDist().inv_cdf(0.75)  # standard deviations of the felt difference at 75 % right,
+Z_70: Final = NormalDist().inv_cdf(math.sqrt(0.5))  # and at 70.7 %, where 1-up-2-down settles
+LAPSE: Final = 0.02  # share of answers without regard to the stimulus; half of them are right. An assumption
 FIRST_SHARE: Final = 0.25  # difference with which a staircase begins, as a share of the reference: several JNDs
 SMALLEST_SHARE: Final = 0.002
-FACTORS: Final = (2.0, 1.41, 1.19)
-"""Factor between two differences before the first reversal, before the third, and after."""
-
+FACTORS: Final = (2.0, 1.41, 1.19)  # between two differences before the first reversal, before the third, and after
 REVERSALS: Final = 10  # after so many 1-up-2-down ends
 AVERAGED: Final = 6  # of the last reversals
 GRID: Final = 121
@@ -212,7 +206,6 @@ class Procedure:
             self.answer(answer)
 
     def _begin(self) -> Staircase | None:
-        """Return the staircase of the next series."""
         plan, number = self._plan, len(self.thresholds)
         if number >= len(self._series):
             return None

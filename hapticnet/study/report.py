@@ -11,11 +11,8 @@ from hapticnet.study.analysis import MEASURES, Comparison, ConditionResult, Figu
 from hapticnet.study.statistics import ALPHA, standard_error
 from hapticnet.study.weber import ParticipantFile
 
-Cells: TypeAlias = list[Sequence[str]]
-"""The rows of a table, the head first."""
-
-LEAST_PARTICIPANTS: Final = 6
-"""Participants below which no sign-flip test can find a difference at 5 %."""
+Cells: TypeAlias = list[Sequence[str]]  # the rows of a table, the head first
+LEAST_PARTICIPANTS: Final = 6  # participants below which no sign-flip test can find a difference at 5 %
 
 JND_HEAD: Final = (
     "participant", "method", "Weber fraction, mean of ratios", "95 % interval", "through the origin", "residual",
@@ -66,18 +63,9 @@ def markdown(
 ) -> str:
     """Return the report.
 
-    Parameters
-    ----------
-    results
-        None for a study in which JNDs were measured and nothing was ordered yet.
-    figures
-        Names of the pictures beside the report.
-    people
-        The measured JNDs.
-    origin
-        Lines on version, date and machine.
-    stated
-        Where the margin of equivalence was stated, such as "stated in plan.toml".
+    `results`: None for a study in which JNDs were measured and nothing was ordered yet. `figures`: names of the
+    pictures beside the report. `people`: the measured JNDs. `origin`: lines on version, date and machine. `stated`:
+    where the margin of equivalence was stated, such as "stated in plan.toml".
     """
     simulated = {each.simulated for each in people if each.simulated} if results is None else results.simulated
     told = f" – SIMULATED ({', '.join(sorted(simulated))})" if simulated else ""

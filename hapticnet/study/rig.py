@@ -40,10 +40,7 @@ LIFTED: Final = "the finger was lifted"
 LIFTED_N: Final = 0.1
 PRESSED_N: Final = 0.5
 LIFTED_US: Final = 500_000  # a finger is lifted if at most LIFTED_N is felt for so long although PRESSED_N is requested
-
-RECOVERY_US: Final = 1_000_000
-"""Longest time [µs] in which the force loop recovers from a fault, once it requests no force."""
-
+RECOVERY_US: Final = 1_000_000  # longest time [µs] in which the force loop recovers from a fault, at rest
 MakeHand: TypeAlias = Callable[[Stimulus], Operator]  # makes the hand of a trial
 
 

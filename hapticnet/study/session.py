@@ -37,7 +37,6 @@ from hapticnet.study.trial import Played
 from hapticnet.study.weber import ParticipantFile, load_participant, participant_file
 
 RecordingForm: TypeAlias = Literal["mcap", "npz", "none"]
-
 FLOWS: Final[dict[str, type[Flow[Any]]]] = {ORDER: OrderFlow, LIMITS: LimitsFlow}
 
 
@@ -194,7 +193,6 @@ def law_of_participant(settings: SessionSettings) -> ChosenLaw:
 
 
 def _unusable(measured: ParticipantFile, settings: SessionSettings) -> str | None:
-    """Return why a measured JND cannot be used for this participant and this device; None if it can."""
     if measured.simulated != settings.observer:
         return "is of a person" if measured.simulated is None else f"is of the simulated observer {measured.simulated}"
     if not same_device(measured.device, settings.device):
@@ -422,7 +420,6 @@ def record_trials(
 
 
 def _unused(folder: Path, stem: str, form: RecordingForm) -> Path:
-    """Return the path of a file that does not exist."""
     path, number = folder / f"{stem}.{form}", 2
     while path.exists():
         path, number = folder / f"{stem}-{number}.{form}", number + 1

@@ -13,21 +13,11 @@ from hapticnet.errors import SettingsError
 from hapticnet.experiment.summary import t_quantile
 
 CONFIDENCE: Final = 0.95
-
 Z: Final = NormalDist().inv_cdf(0.5 + CONFIDENCE / 2.0)
-
-ALPHA: Final = 0.05
-"""Probability below which a test counts as passed."""
-
-FINEST: Final = 1 / 5040
-"""Finest grid on which differences of scores are added exactly: shares of up to 10 trials and of most other numbers."""
-
-MOST_CELLS: Final = 500_000
-"""Largest table of sums for exact differences."""
-
-COARSE_CELLS: Final = 20_000
-"""Size of the table of sums for differences that fit no grid; they are rounded, on the safe side."""
-
+ALPHA: Final = 0.05  # probability below which a test counts as passed
+FINEST: Final = 1 / 5040  # finest grid on which differences are exact: shares of up to 10 trials and most other numbers
+MOST_CELLS: Final = 500_000  # largest table of sums for exact differences
+COARSE_CELLS: Final = 20_000  # of sums for differences that fit no grid; they are rounded, on the safe side
 LIMIT_SHARE: Final = 1e-12
 
 

@@ -19,11 +19,9 @@ from hapticnet.study.trial import NO_MEASURES, Measures, Played, Stimulus, stimu
 ORDER: Final = "order"
 LIMITS: Final = "limits"
 PRACTICE: Final = "practice"  # what practice trials have in the column of the condition
-
+# Share of its breach depth to which the needle must have pushed a tissue in before an answer is taken. The same depth
+# for each, so that a refused answer tells nothing about the stiffness.
 TOUCHED: Final = 0.5
-"""Share of its breach depth to which the needle must have pushed a tissue in before an answer is taken. The same depth
-for each, so that a refused answer tells nothing about the stiffness."""
-
 UNCOMPRESSED: Final = ConditionPlan(name=PRACTICE, codec="raw", multiplier=0.0)
 PARTS: Final = 3  # parts of a measurement of the JND, with a break between two of them
 ANSWERS: Final = {screens.SAME: "same", screens.DIFFERENT: "different", "1": "1", "2": "2"}
@@ -128,7 +126,6 @@ class OrderFlow(Flow[OrderRow]):
         self._perform(self._screens.trial("", self._progress()), self._stimulus, now_us)
 
     def _attempts_of(self, trial: OrderTrial) -> int:
-        """Return how often a trial was begun in this run and earlier ones."""
         practising = trial.condition is None
         return self._attempts(trial.index, [row for row in self.rows if (row.condition == PRACTICE) == practising])
 
@@ -216,7 +213,6 @@ class OrderFlow(Flow[OrderRow]):
 
 
 def _measured(measures: Measures) -> dict[str, Any]:
-    """Return the columns of a trial that was played, answered or not."""
     values = asdict(measures)
     for kind in ("held", "sensed"):
         for number, peak_n in enumerate(values.pop(f"peaks_{kind}_n"), start=1):

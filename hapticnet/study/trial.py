@@ -27,17 +27,12 @@ from hapticnet.study.plan import ConditionPlan, Plan
 from hapticnet.study.scene import master_name, tissues
 
 LATE_US: Final = 200_000  # time [µs] after a contact during which the device may still deliver its force
-
-LEAST_HELD_N: Final = 0.3
-"""Held peak [N] below which a contact counts as a graze: below about 0.2 N the sensor feels nothing."""
-
+LEAST_HELD_N: Final = 0.3  # held peak [N] below which a contact is a graze: below about 0.2 N the sensor feels nothing
 STEP_US: Final = 1000
 INSERTIONS: Final = 2
 MARGIN_M: Final = 2e-3  # a push begins so far before the surface and ends so far behind the breach
-
+# Duration of a push [s], of which about 0.6 s are contact. At 0.24 s, the device reaches two thirds of 5 N only.
 PUSH_S: Final = 1.1
-"""Duration of a push [s], of which about 0.6 s are contact. At 0.24 s, the device reaches two thirds of 5 N only."""
-
 BETWEEN_S: Final = 0.25
 WITHDRAW_S: Final = 0.5
 REST_S: Final = 0.3
@@ -90,13 +85,7 @@ class Stimulus:
 
 
 def stimulus_of(
-    plan: Plan,
-    condition: ConditionPlan,
-    law: WeberLaw,
-    *,
-    number: int,
-    breach_forces_n: tuple[float, ...],
-    seed: int,
+    plan: Plan, condition: ConditionPlan, law: WeberLaw, *, number: int, breach_forces_n: tuple[float, ...], seed: int
 ) -> Stimulus:
     """Return what a trial of a plan plays, from the participant's law at 1 JND.
 
@@ -252,7 +241,6 @@ def _measure(
     missed_ticks: int,
     link_stale: int,
 ) -> Measures:
-    """Return the figures of a trial."""
     forces = (datagrams["direction"] == IN) & (datagrams["kind"] == float(Kind.FORCE))
     replayed = _replay(ticks, stimulus.tissues)
     packets, spent = _spent(ticks, datagrams, replayed)
@@ -356,5 +344,4 @@ def _peaks(
 
 
 def _entries(position_m: FloatArray, surface_m: float) -> int:
-    """Return how often the tip passes a place inwards."""
     return int(np.count_nonzero((position_m[1:] >= surface_m) & (position_m[:-1] < surface_m)))

@@ -17,8 +17,8 @@ from hapticnet.experiment.summary import t_quantile
 from hapticnet.perception import WeberLaw
 from hapticnet.study.plan import LimitsPlan
 
+# JNDs [N] of the series of each reference [N]; None for a series in which no difference was large enough.
 Jnds: TypeAlias = Mapping[float, Sequence[float | None]]
-"""JNDs [N] of the series of each reference [N]; None for a series in which no difference was large enough."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -135,16 +135,9 @@ def participant_file(
 ) -> ParticipantFile:
     """Return the file of a participant whose series gave these JNDs; raise SettingsError if there is none.
 
-    Parameters
-    ----------
-    plan
-        How the JND was measured, and the rules that exclude one.
-    device_errors_n
-        Sensed less held force [N] of every stimulus, by reference.
-    false_alarms, catch_pairs
-        None for a method without catch series.
-    **further
-        Further attributes of the file.
+    `plan`: how the JND was measured, and the rules that exclude one. `device_errors_n`: sensed less held force [N] of
+    every stimulus, by reference. `false_alarms`, `catch_pairs`: None for a method without catch series. `**further`:
+    further attributes of the file.
     """
     fitted = fit(found)
     tables = [_reference(each, found[each], device_errors_n.get(each, ())) for each in sorted(found)]
@@ -182,7 +175,6 @@ def _reference(reference_n: float, series: Sequence[float | None], errors_n: Seq
 def _excluded(
     plan: LimitsPlan, tables: Sequence[ReferenceTable], false_alarms: int | None, catch_pairs: int | None
 ) -> list[str]:
-    """Return the rules of the plan that exclude a JND."""
     told = []
     if catch_pairs and false_alarms is not None and false_alarms > plan.most_false_alarms * catch_pairs:
         told.append(
@@ -199,7 +191,6 @@ def _excluded(
 
 
 def _warnings(plan: LimitsPlan, tables: Sequence[ReferenceTable], catch_pairs: int | None) -> list[str]:
-    """Return what is doubtful about a JND."""
     told = [
         f"the JND at {each.reference_n:g} N, {each.jnd_n:.3f} N, is below the error of the device,"
         f" {each.device_error_n:.3f} N: it is a property of the device"

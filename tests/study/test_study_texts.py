@@ -13,8 +13,7 @@ from hapticnet.control.hold import LimitSettings
 from hapticnet.errors import HapticnetError
 from hapticnet.study.fronts import TerminalFront, in_lines
 from hapticnet.study.plan import Plan, find_plan
-from hapticnet.study.screens import Screen, ScreenKind, Screens
-from hapticnet.study.texts import english, shipped
+from hapticnet.study.screens import Screen, ScreenKind, Screens, english, shipped
 from hapticnet.web.server import static_files
 from tests.cli.test_cli_errors import ROOT
 

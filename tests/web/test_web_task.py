@@ -6,7 +6,7 @@ from typing import Any
 import pytest
 
 pytest.importorskip("playwright")
-from hapticnet.study.texts import english
+from hapticnet.study.screens import english
 from tests.web.staged import TISSUES, Stage, begin_again, greet, open_view
 
 STOP = {"key": "escape", "does": "stop: the force goes to zero at once"}

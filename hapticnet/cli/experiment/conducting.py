@@ -40,6 +40,7 @@ from hapticnet.study.rig import VirtualRig
 from hapticnet.study.rows import Row
 from hapticnet.study.scene import SCENE_SPEC
 from hapticnet.study.schedule import participant_number
+from hapticnet.study.screens import english
 from hapticnet.study.session import (
     RecordingForm,
     SessionSettings,
@@ -53,7 +54,6 @@ from hapticnet.study.session import (
     usual_form,
 )
 from hapticnet.study.tasks import LIMITS, ORDER
-from hapticnet.study.texts import english
 
 if TYPE_CHECKING:
     import socket
@@ -129,7 +129,6 @@ def run(asked: LimitsOptions) -> None:
 
 
 def _sessions(asked: LimitsOptions, plan: Plan, observer: ObserverSettings | None) -> list[SessionSettings]:
-    """Return the settings of each participant's session; raise SettingsError if it cannot be asked for."""
     if asked.wall_clock and observer is None:
         raise SettingsError("--wall-clock is for simulated observers; a person is always in real time")
     participants = _participants(asked.participant)
@@ -170,14 +169,12 @@ def _participants(text: str) -> tuple[str, ...]:
 
 
 def _seeds(settings: SessionSettings) -> tuple[int, int, int]:
-    """Return what a simulated observer draws from."""
     return settings.seed, participant_number(settings.participant), settings.session
 
 
 def _conduct_in_virtual_time(
     shared: tuple[Profile, ObserverSettings, RecordingForm], settings: SessionSettings, on_trial: OnTrial
 ) -> dict[str, Any]:
-    """Conduct a session with a simulated observer; return its account."""
     known, observer, form = shared
 
     def on_row(row: Row) -> None:

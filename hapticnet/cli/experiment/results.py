@@ -14,7 +14,6 @@ if TYPE_CHECKING:
     from hapticnet.study.plan import Plan
 
 Number = TypeVar("Number", int, float)
-
 FILES: Final = ("report.md", "conditions.csv", "conditions.tex", "results.json")
 
 
@@ -99,7 +98,6 @@ def _json(account: object) -> str:
 
 
 def _plain(value: object) -> object:
-    """Return a value with null for every number that JSON does not have."""
     if isinstance(value, dict):
         return {key: _plain(each) for key, each in value.items()}
     if isinstance(value, (list, tuple)):
@@ -209,6 +207,6 @@ def texts() -> None:
 
     Name the changed file in the plan, by texts = "my-texts.toml".
     """
-    from hapticnet.study.texts import shipped
+    from hapticnet.study.screens import shipped
 
     print(shipped(), end="")
