@@ -234,12 +234,10 @@ def check_folder(path: Path) -> None:
 
 
 def fresh_path(path: Path) -> Path:
-    """Return the path itself if nothing exists there, else the first free one of path-2, path-3, …."""
-    number = 2
-    free = path
+    """Return the path itself if nothing exists there, else the first free one of name-2.suffix, name-3.suffix, …."""
+    free, number = path, 2
     while free.exists():
-        free = path.with_name(f"{path.name}-{number}")
-        number += 1
+        free, number = path.with_name(f"{path.stem}-{number}{path.suffix}"), number + 1
     return free
 
 

@@ -9,18 +9,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from hapticnet.experiment.style import (
-    BLUE,
-    GREEN,
-    GREY,
-    INK,
-    ORANGE,
-    SKY,
-    VERMILION,
-    legend,
-    mark_level,
-    picture,
-)
+from hapticnet.experiment.style import BLUE, GREEN, GREY, INK, ORANGE, SKY, VERMILION, legend, mark_level, picture
 from hapticnet.study.analysis import CHANCE, Results
 from hapticnet.study.statistics import falling
 

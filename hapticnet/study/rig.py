@@ -27,15 +27,13 @@ from hapticnet.node.settings import MasterSettings, SlaveSettings
 from hapticnet.node.slave import SlaveNode
 from hapticnet.operator.base import Operator
 from hapticnet.protocol.states import Ended, LinkStale, Refused, SessionLost
-from hapticnet.scene.base import Touchable
 from hapticnet.study.scene import NamedTissues
-from hapticnet.study.trial import Played, Stimulus, played, scripted_hand
+from hapticnet.study.trial import LINK_LOST, Played, Stimulus, played, scripted_hand
 
 TICK_US: Final = 1000
 LEAD_US: Final = 300_000  # time [µs] from the start of a presentation to the first force
 SLICE_US: Final = 100_000  # how often [µs] a trial in virtual time is asked for events
 SETTLE_US: Final = 300_000  # time [µs] after the last motion of a script, until the device has delivered the last force
-LINK_LOST: Final = "the link was lost"
 LIFTED: Final = "the finger was lifted"
 LIFTED_N: Final = 0.1
 PRESSED_N: Final = 0.5
@@ -98,19 +96,15 @@ class Rig(Protocol):
 
     def now_us(self) -> int:
         """Return the time [µs]."""
-        ...
 
     async def run(self, activity: Activity) -> Outcome:
         """Perform an activity until it is over or `stop` is called. The finger feels no force afterwards."""
-        ...
 
     def stop(self) -> None:
         """End the present activity: the force goes to zero at once."""
-        ...
 
     async def wait(self, duration_us: int) -> None:
         """Let time [µs] pass while nothing is felt."""
-        ...
 
 
 class Presentation(Procedure):
@@ -172,14 +166,7 @@ def outcome_of(
     node: MasterNode, stimulus: Stimulus, fault: Fault | None, missed_ticks: int = 0, unix_offset_us: int = 0
 ) -> Played | Fault:
     """Return what a master made of a trial, which a fault may have ended; the fault if it sent no position."""
-    found = played(
-        node,
-        stimulus,
-        failure=None if fault is None else fault.reason,
-        link_stale=fault is not None and fault.reason == LINK_LOST,
-        missed_ticks=missed_ticks,
-        unix_offset_us=unix_offset_us,
-    )
+    found = played(node, stimulus, None if fault is None else fault.reason, missed_ticks, unix_offset_us)
     return found or fault or Fault("no position was sent", lost=False)
 
 
@@ -250,7 +237,16 @@ class VirtualRig:
 
     def _play(self, stimulus: Stimulus) -> Outcome:
         hand = self._make_hand(stimulus)
-        loopback = self._loopback(stimulus, hand)
+        forward, feedback = emulators(stimulus)
+        scene = NamedTissues()
+        settings = stimulus.master_settings(self._settings)
+        loopback = Loopback(
+            MasterNode(hand, self._fingertip, settings, np.random.default_rng([stimulus.seed, 5])),
+            SlaveNode(lambda _: scene, SlaveSettings(), np.random.default_rng([stimulus.seed, 6])),
+            forward=forward,
+            feedback=feedback,
+            start_us=self._now_us,
+        )
         duration_us = hand.duration_us if hand.duration_us is not None else round(stimulus.limit_s * 1e6)
         end_us = self._now_us + duration_us + SETTLE_US
         fault = None
@@ -261,22 +257,6 @@ class VirtualRig:
         self._now_us = loopback.now_us
         self._fingertip.press(0.0, self._now_us)
         return outcome_of(loopback.master, stimulus, fault)
-
-    def _loopback(self, stimulus: Stimulus, hand: Operator) -> Loopback:
-        forward, feedback = emulators(stimulus)
-        scene = NamedTissues()
-
-        def make_scene(_: object) -> Touchable:
-            return scene
-
-        settings = stimulus.master_settings(self._settings)
-        return Loopback(
-            MasterNode(hand, self._fingertip, settings, np.random.default_rng([stimulus.seed, 5])),
-            SlaveNode(make_scene, SlaveSettings(), np.random.default_rng([stimulus.seed, 6])),
-            forward=forward,
-            feedback=feedback,
-            start_us=self._now_us,
-        )
 
 
 def play_trial(stimulus: Stimulus, *, make_hand: MakeHand = scripted_hand) -> Played:

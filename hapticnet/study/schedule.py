@@ -65,7 +65,7 @@ def _generator(participant: str, session: int, seed: int, part: int) -> tuple[np
     return np.random.default_rng([seed, number, session, part]), number
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, slots=True)
 class OrderTrial:
     """One trial of the ordering task."""
 
@@ -119,25 +119,11 @@ class OrderSchedule(Schedule):
         practice_n = _forces(plan, max(1, order.practice * order.practice_rounds), rng)
         seeds = rng.integers(LARGEST_SEED, size=len(sequence) + len(practice_n)).tolist()
         trials = tuple(
-            OrderTrial(
-                index=index,
-                block=block,
-                condition=condition,
-                repetition=repetition,
-                breach_forces_n=forces_n[condition][repetition],
-                seed=seeds[index],
-            )
+            OrderTrial(index, block, condition, repetition, forces_n[condition][repetition], seeds[index])
             for index, (block, condition, repetition) in enumerate(sequence)
         )
         practice = tuple(
-            OrderTrial(
-                index=index,
-                block=index // order.practice,
-                condition=None,
-                repetition=index,
-                breach_forces_n=practice_n[index],
-                seed=seeds[len(sequence) + index],
-            )
+            OrderTrial(index, index // order.practice, None, index, practice_n[index], seeds[len(sequence) + index])
             for index in range(order.practice * order.practice_rounds)
         )
         return cls(

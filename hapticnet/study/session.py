@@ -18,7 +18,7 @@ import tomli_w
 
 from hapticnet.errors import FileError, SettingsError, UnavailableError
 from hapticnet.experiment.provenance import provenance
-from hapticnet.files import make_folder, replacing
+from hapticnet.files import fresh_path, make_folder, replacing
 from hapticnet.perception import WeberLaw
 from hapticnet.recordings.session.archive import check_mcap
 from hapticnet.recordings.session.export import export
@@ -407,7 +407,7 @@ def record_trials(
             return
         make_folder(folder)
         kind = "practice" if getattr(row, "condition", None) == PRACTICE else "trial"
-        path = _unused(folder, f"{kind}-{row.this_n or 0:03d}-{row.attempt or 0}", form)
+        path = fresh_path(folder / f"{kind}-{row.this_n or 0:03d}-{row.attempt or 0}.{form}")
         tables = {"tick": outcome.ticks, "datagram": outcome.datagrams}
         facts = about | about_master(outcome.settings) | {"trial": asdict(row), REPORT: {"outcome": row.event}}
         events = tuple(Event(t_us, type(each).__name__, event_text(each)) for t_us, each in outcome.in_force)
@@ -417,10 +417,3 @@ def record_trials(
             raise FileError(f"{error}; the answer to it is safe") from error
 
     return keep
-
-
-def _unused(folder: Path, stem: str, form: RecordingForm) -> Path:
-    path, number = folder / f"{stem}.{form}", 2
-    while path.exists():
-        path, number = folder / f"{stem}-{number}.{form}", number + 1
-    return path

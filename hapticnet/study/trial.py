@@ -26,6 +26,7 @@ from hapticnet.scene.settings import Tissue
 from hapticnet.study.plan import ConditionPlan, Plan
 from hapticnet.study.scene import master_name, tissues
 
+LINK_LOST: Final = "the link was lost"
 LATE_US: Final = 200_000  # time [µs] after a contact during which the device may still deliver its force
 LEAST_HELD_N: Final = 0.3  # held peak [N] below which a contact is a graze: below about 0.2 N the sensor feels nothing
 STEP_US: Final = 1000
@@ -205,13 +206,7 @@ class Played:
 
 
 def played(
-    node: MasterNode,
-    stimulus: Stimulus,
-    *,
-    failure: str | None,
-    link_stale: bool,
-    missed_ticks: int = 0,
-    unix_offset_us: int = 0,
+    node: MasterNode, stimulus: Stimulus, failure: str | None, missed_ticks: int, unix_offset_us: int
 ) -> Played | None:
     """Return what a master made of a trial; None if it sent no position."""
     assert node.recording is not None  # noqa: S101 - `Stimulus.master_settings` asks for both
@@ -219,28 +214,6 @@ def played(
     if not len(node.recording):
         return None
     ticks, datagrams = node.recording.table(), node.datagrams.table()
-    return Played(
-        stimulus=stimulus,
-        measures=_measure(ticks, datagrams, stimulus, missed_ticks, int(link_stale)),
-        ticks=ticks,
-        datagrams=datagrams,
-        settings=node.settings,
-        in_force=tuple(
-            (t_us, replace(each, channel_out=stimulus.forward, channel_in=stimulus.feedback))
-            for t_us, each in node.in_force.history
-        ),
-        unix_offset_us=unix_offset_us,
-        failure=failure,
-    )
-
-
-def _measure(
-    ticks: dict[str, FloatArray],
-    datagrams: dict[str, FloatArray],
-    stimulus: Stimulus,
-    missed_ticks: int,
-    link_stale: int,
-) -> Measures:
     forces = (datagrams["direction"] == IN) & (datagrams["kind"] == float(Kind.FORCE))
     replayed = _replay(ticks, stimulus.tissues)
     packets, spent = _spent(ticks, datagrams, replayed)
@@ -248,7 +221,7 @@ def _measure(
     touching = np.flatnonzero(ticks["held_n"] > 0.0)
     speed = np.diff(ticks["position_m"]) / np.maximum(np.diff(ticks["t_us"]), 1.0) * 1e6
     speed = speed[ticks["held_n"][1:] > 0.0]
-    return Measures(
+    measures = Measures(
         first_contact_s=float(ticks["t_us"][touching[0]] - ticks["t_us"][0]) * 1e-6 if len(touching) else None,
         insertions=_entries(ticks["position_m"], stimulus.surfaces_m[0]),
         penetrations=len(packets),
@@ -261,7 +234,20 @@ def _measure(
         penetration_packets=sum(packets),
         penetration_bytes=sum(spent),
         missed_ticks=missed_ticks,
-        link_stale=link_stale,
+        link_stale=int(failure == LINK_LOST),
+    )
+    return Played(
+        stimulus=stimulus,
+        measures=measures,
+        ticks=ticks,
+        datagrams=datagrams,
+        settings=node.settings,
+        in_force=tuple(
+            (t_us, replace(each, channel_out=stimulus.forward, channel_in=stimulus.feedback))
+            for t_us, each in node.in_force.history
+        ),
+        unix_offset_us=unix_offset_us,
+        failure=failure,
     )
 
 

@@ -159,11 +159,12 @@ class Person:
                 self.complete()
 
     def go_on_to(self, kind):
-        """Go on, answering as usual, until there is a screen of a kind."""
+        """Go on, answering as usual, until there is a screen of a kind; return the person."""
         for screen in self.walk():
             if screen.kind is kind:
-                return
+                return self
         assert self.flow.screen.kind is kind
+        return self
 
     def go_on_and_answer(self, order=None):
         """Go on to a trial and answer it, by default right."""

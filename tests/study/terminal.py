@@ -14,16 +14,10 @@ ENTER, ESCAPE, BACKSPACE, INTERRUPT = "\r", "\x1b", "\x7f", "\x03"
 
 
 class Terminal:
-    """Use it as a context manager.
-
-    Attributes
-    ----------
-    shown
-        Everything that was shown since the last `expect`.
-    """
+    """Use it as a context manager."""
 
     def __init__(self, *arguments, cwd):
-        self.shown = ""
+        self.shown = ""  # since the last `expect`
         self._master, slave = pty.openpty()
         self.process = subprocess.Popen(
             [sys.executable, "-m", "hapticnet", *map(str, arguments)],

@@ -54,8 +54,7 @@ def test_consent_is_stored_with_the_hash_of_the_text_that_was_shown():
 
 
 def test_an_answer_may_be_changed_until_enter_and_is_scored_in_whole_and_by_pairs():
-    person = ordering(plan=NO_PRACTICE)
-    person.go_on_to(ScreenKind.TRIAL)
+    person = ordering(plan=NO_PRACTICE).go_on_to(ScreenKind.TRIAL)
     true = person.flow.trial.order
     wrong = true[1] + true[0] + true[2]
     person.press(screens.ENTER, true[0], true[0], "4", "x")  # only the second does anything
@@ -73,8 +72,7 @@ def test_an_answer_may_be_changed_until_enter_and_is_scored_in_whole_and_by_pair
 
 
 def test_response_times_count_from_the_scene_and_from_the_first_contact():
-    person = ordering(plan=NO_PRACTICE)
-    person.go_on_to(ScreenKind.TRIAL)
+    person = ordering(plan=NO_PRACTICE).go_on_to(ScreenKind.TRIAL)
     begun_us = person.now_us
     person.press(*person.flow.trial.order, screens.ENTER, after_s=2.0)
     person.complete(after_s=0.1)
@@ -133,8 +131,7 @@ def test_practice_comes_again_until_enough_pairs_are_right_or_its_rounds_are_ove
 def test_a_trial_in_vain_is_stored_and_comes_again_at_the_end_of_its_block_after_meeting_the_finger(
     outcome, event, reason, why
 ):
-    person = ordering(plan=NO_PRACTICE)
-    person.go_on_to(ScreenKind.TRIAL)
+    person = ordering(plan=NO_PRACTICE).go_on_to(ScreenKind.TRIAL)
     vain = person.flow.trial
     answer(person.flow, vain.order, person.now_us)
     person.complete(outcome(person.flow.activity))
@@ -158,8 +155,7 @@ def test_eighty_percent_of_the_held_force_are_enough():
 
 
 def test_escape_stops_a_trial_at_once_and_between_trials_the_session():
-    person = ordering(plan=NO_PRACTICE)
-    person.go_on_to(ScreenKind.TRIAL)
+    person = ordering(plan=NO_PRACTICE).go_on_to(ScreenKind.TRIAL)
     person.press("1", screens.ESCAPE)
     assert person.flow.answered
     person.complete(played(person.flow.activity))
@@ -171,22 +167,19 @@ def test_escape_stops_a_trial_at_once_and_between_trials_the_session():
     assert person.flow.done
     assert person.flow.failure == "the participant ended the session"
     assert person.rows("stopped")[0].reason == person.flow.failure
-    again = ordering(person.flow.rows, plan=NO_PRACTICE)
-    again.go_on_to(ScreenKind.DONE)
+    again = ordering(person.flow.rows, plan=NO_PRACTICE).go_on_to(ScreenKind.DONE)
     assert len(again.rows("trial")) == 6
 
 
 def test_a_trial_without_an_answer_is_aborted():
-    person = ordering(plan=NO_PRACTICE)
-    person.go_on_to(ScreenKind.TRIAL)
+    person = ordering(plan=NO_PRACTICE).go_on_to(ScreenKind.TRIAL)
     person.press("1", "2")
     person.complete()
     assert person.rows("aborted")[0].reason == "no answer within 180 s"
 
 
 def test_a_device_that_fails_again_and_again_interrupts_the_session():
-    person = ordering(plan=NO_PRACTICE)
-    person.go_on_to(ScreenKind.TRIAL)
+    person = ordering(plan=NO_PRACTICE).go_on_to(ScreenKind.TRIAL)
     index = person.flow.trial.index
     while not person.flow.done:
         person.go_on_and_answer()
@@ -195,8 +188,7 @@ def test_a_device_that_fails_again_and_again_interrupts_the_session():
         if not person.flow.done and person.flow.screen.kind is ScreenKind.REPEAT:
             person.press(screens.ENTER)
     assert person.flow.failure.startswith(f"trial {index} was begun 3 times in vain")
-    again = ordering(person.flow.rows, plan=NO_PRACTICE)
-    again.go_on_to(ScreenKind.DONE)
+    again = ordering(person.flow.rows, plan=NO_PRACTICE).go_on_to(ScreenKind.DONE)
     assert sorted(row.this_n for row in again.rows("trial")) == list(range(6))
 
 
@@ -212,8 +204,7 @@ def test_a_platform_that_does_not_meet_the_finger_interrupts_the_session():
 
 
 def test_a_break_cannot_be_cut_short():
-    person = ordering(plan=NO_PRACTICE)
-    person.go_on_to(ScreenKind.BREAK)
+    person = ordering(plan=NO_PRACTICE).go_on_to(ScreenKind.BREAK)
     person.press(screens.ENTER, after_s=4.9)
     assert person.flow.screen.kind is ScreenKind.BREAK
     person.press(screens.ENTER, after_s=0.2)
@@ -222,15 +213,15 @@ def test_a_break_cannot_be_cut_short():
 
 
 def test_an_interleaved_session_asks_for_no_rating():
-    person = ordering(plan=varied("order", practice=0, practice_pairs=0, arrangement="interleaved"))
-    person.go_on_to(ScreenKind.DONE)
+    person = ordering(plan=varied("order", practice=0, practice_pairs=0, arrangement="interleaved")).go_on_to(
+        ScreenKind.DONE
+    )
     assert person.rows("rating") == []
     assert len(person.rows("break")) == 2
 
 
 def test_a_rating_is_stored_with_the_condition_of_its_block():
-    person = ordering(plan=NO_PRACTICE)
-    person.go_on_to(ScreenKind.RATING)
+    person = ordering(plan=NO_PRACTICE).go_on_to(ScreenKind.RATING)
     person.press("8", "6")
     row = person.rows("rating")[0]
     assert (row.rating, row.block) == (6, 0)
@@ -239,8 +230,7 @@ def test_a_rating_is_stored_with_the_condition_of_its_block():
 
 @pytest.mark.parametrize("make", [ordering, limits])
 def test_a_session_goes_on_after_any_row_and_asks_nothing_twice(make):
-    whole = make()
-    whole.go_on_to(ScreenKind.DONE)
+    whole = make().go_on_to(ScreenKind.DONE)
     rows = whole.flow.rows
     over = make(rows)
     assert (over.flow.done, over.flow.take_rows()) == (True, [])
@@ -264,8 +254,7 @@ def test_a_session_goes_on_after_any_row_and_asks_nothing_twice(make):
 
 
 def test_each_pair_of_forces_is_asked_about_and_the_jnd_follows():
-    person = limits()
-    person.go_on_to(ScreenKind.QUESTION)
+    person = limits().go_on_to(ScreenKind.QUESTION)
     assert person.flow.screen.title == "Same or different?"
     while not person.flow.done:
         person.go_on_to(ScreenKind.QUESTION)
@@ -280,8 +269,7 @@ def test_each_pair_of_forces_is_asked_about_and_the_jnd_follows():
 
 
 def test_an_answer_is_taken_only_when_the_needle_was_pushed_into_each_tissue():
-    person = ordering(plan=NO_PRACTICE)
-    person.go_on_to(ScreenKind.TRIAL)
+    person = ordering(plan=NO_PRACTICE).go_on_to(ScreenKind.TRIAL)
     surface_m = person.flow.activity.surfaces_m[2]
     for deepest_m, untouched in ((0.0, 1), (surface_m - 0.001, 3), (surface_m + 0.001, 3)):
         person.flow.deepest_m = deepest_m
@@ -295,8 +283,7 @@ def test_an_answer_is_taken_only_when_the_needle_was_pushed_into_each_tissue():
 
 @pytest.mark.parametrize(("keys", "words"), [(("1", "2", "3", screens.ENTER), "taken"), ((screens.ESCAPE,), "is off")])
 def test_a_participant_sees_at_once_that_an_answer_or_a_stop_was_taken(keys, words):
-    person = ordering(plan=NO_PRACTICE)
-    person.go_on_to(ScreenKind.TRIAL)
+    person = ordering(plan=NO_PRACTICE).go_on_to(ScreenKind.TRIAL)
     person.press(*keys)
     assert person.flow.screen.kind is ScreenKind.MOMENT
     assert words in person.flow.screen.text
@@ -304,8 +291,7 @@ def test_a_participant_sees_at_once_that_an_answer_or_a_stop_was_taken(keys, wor
 
 
 def test_feedback_stays_when_enter_is_pressed_twice():
-    person = ordering()
-    person.go_on_to(ScreenKind.FEEDBACK)
+    person = ordering().go_on_to(ScreenKind.FEEDBACK)
     person.press(screens.ENTER, after_s=0.5)
     assert person.flow.screen.kind is ScreenKind.FEEDBACK
     person.press(screens.ENTER, after_s=0.6)
@@ -349,8 +335,7 @@ def test_who_is_not_sure_is_told_what_to_say_wherever_that_decides():
 
 
 def test_a_pair_that_the_device_missed_is_presented_again_and_not_asked_about():
-    person = limits()
-    person.go_on_to(ScreenKind.STIMULI)
+    person = limits().go_on_to(ScreenKind.STIMULI)
     assert isinstance(person.flow.activity, Pair)
     question = person.flow.procedure.question()
     person.complete(presented(person.flow.activity, error_n=0.4))
@@ -377,8 +362,7 @@ def test_a_device_that_misses_every_pair_interrupts_the_measurement():
 
 @pytest.mark.parametrize("method", ["up-down", "bayesian"])
 def test_the_forced_choice_asks_for_the_stronger_of_two(method):
-    person = limits(plan=varied("limits", method=method))
-    person.go_on_to(ScreenKind.QUESTION)
+    person = limits(plan=varied("limits", method=method)).go_on_to(ScreenKind.QUESTION)
     assert person.flow.screen.title == "Which was stronger?"
     first_n, second_n = person.flow.presented.held_n
     person.press("1" if first_n > second_n else "2")

@@ -2,21 +2,15 @@
 
 import dataclasses
 import json
-import os
-import signal
-import socket
-import subprocess
-import sys
-import time
 
 import pytest
 
 from hapticnet.errors import UnavailableError
+from hapticnet.runtime.processes import Child
 from hapticnet.study.rows import LimitsRow, OrderRow
 from hapticnet.study.store import read_table
 from hapticnet.study.weber import load_participant
-from tests.cli.test_cli_errors import ROOT
-from tests.ready import hapticnet
+from tests.ready import Started, hapticnet, wait_until
 
 PLAN = """
 name = "short"
@@ -146,17 +140,13 @@ def test_a_killed_session_goes_on_and_asks_what_it_would_have_asked(folder):
     words = ("--plan", "plan.toml", "--simulate", "literature", "--record-format", "none", "--no-analyse")
     whole = experiment(folder, "order", "--participant", "01", *words, "--out-dir", "whole")
     assert whole.returncode == 0, whole.stderr
-    command = [sys.executable, "-m", "hapticnet", "experiment", "order", "--participant", "01", *words, "--jobs", "1"]
-    process = subprocess.Popen(
-        command, cwd=folder, env=os.environ | {"PYTHONPATH": str(ROOT)},
-        stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
-    )  # fmt: skip
-    table, end = folder / TABLE.format("01"), time.monotonic() + 60.0
-    while not (table.exists() and b"\npractice" in table.read_bytes()):
-        assert time.monotonic() < end
-        assert process.poll() is None
-        time.sleep(0.02)
-    process.send_signal(signal.SIGKILL)
+    table = folder / TABLE.format("01")
+    with (folder / "written").open("wb") as written:
+        command = "experiment", "order", "--participant", "01", *words, "--jobs", "1"
+        process = Started(command, stdout=written.fileno(), stderr=written.fileno(), cwd=folder)
+    wait_until(lambda: table.exists() and b"\npractice" in table.read_bytes())
+    assert process.poll() is None
+    process.kill()
     process.wait()
     before = table.read_bytes()
     done = experiment(folder, "order", "--participant", "01", *words, "--resume")
@@ -215,18 +205,11 @@ def test_a_simulated_session_over_udp_ends_with_report_and_recordings(folder):
 
 def test_a_slave_with_another_scene_is_told_and_plays_no_trial(folder):
     (folder / "plan.toml").write_text(PLAN.replace("trials = 1", "trials = 1\nmost_attempts = 1"))
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as free:
-        free.bind(("127.0.0.1", 0))
-        address = f"127.0.0.1:{free.getsockname()[1]}"
-    slave = subprocess.Popen(
-        [sys.executable, "-m", "hapticnet", "slave", "-q", "--listen", address, "--scene", "paper"],
-        stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, cwd=ROOT,
-    )  # fmt: skip
+    slave = Child(["slave", "--listen", "127.0.0.1:0", "--scene", "paper"])
     try:
         words = ("--participant", "01", "--plan", "plan.toml", "--simulate", "literature", "--wall-clock", "--connect")
-        done = experiment(folder, "order", *words, address)
+        done = experiment(folder, "order", *words, slave.address())
     finally:
-        slave.kill()
-        slave.wait()
+        slave.end()
     assert done.returncode == UnavailableError.exit_code
     assert "start it with --scene hapticnet.study.scene:NamedTissues" in done.stderr.splitlines()[-1]

@@ -1,4 +1,4 @@
-"""Intervals, exact tests, equivalence and curves, against closed forms and against complete enumeration."""
+"""Intervals, exact tests, equivalence and curves, against closed forms, scipy and complete enumeration."""
 
 import math
 from itertools import product
@@ -7,11 +7,14 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy import stats
+from scipy.optimize import isotonic_regression
 
 from hapticnet.study.power import ShareAnswers
 from hapticnet.study.statistics import (
     chance_variance,
     equivalence,
+    falling,
     holm,
     leaving_point,
     mean_interval,
@@ -23,11 +26,10 @@ from hapticnet.study.statistics import (
 )
 
 
-@pytest.mark.parametrize(
-    ("successes", "low", "high"), [(62, 0.672, 0.853), (64, 0.700, 0.873), (54, 0.566, 0.768), (43, 0.429, 0.643)]
-)
-def test_wilson_gives_the_intervals_of_the_paper_s_totals(successes, low, high):
-    assert wilson(successes / 80, 80) == pytest.approx((low, high), abs=0.001)
+@pytest.mark.parametrize(("successes", "trials"), [(0, 10), (1, 7), (43, 80), (80, 80)])
+def test_wilson_is_that_of_scipy(successes, trials):
+    expected = stats.binomtest(successes, trials).proportion_ci(method="wilson")
+    assert wilson(successes / trials, trials) == pytest.approx(tuple(expected), abs=1e-12)
 
 
 def test_wilson_stays_within_0_and_1_and_covers_the_share():
@@ -160,3 +162,10 @@ def test_a_curve_that_stays_within_the_margin_is_left_nowhere():
     assert point.at is None
     assert point.high == math.inf
     assert point.reached == 0.0
+
+
+def test_the_falling_curve_is_scipy_s_isotonic_regression():
+    rng = np.random.default_rng(4)
+    for _ in range(20):
+        means = rng.uniform(size=7)
+        assert falling(means) == pytest.approx(isotonic_regression(means, increasing=False).x)

@@ -245,9 +245,7 @@ def _conduct_in_real_time(
                         await conduct(flow, rig, page, store, on_outcome=keep)
                 else:
                     if settings.plan.masking_noise:
-                        complain(
-                            "masking noise: only the page plays it (--page); play white noise from another program"
-                        )
+                        complain(NO_NOISE)
                     with TerminalFront(settings.plan.texts) as terminal:
                         await conduct(flow, rig, terminal, store, on_outcome=keep)
 
