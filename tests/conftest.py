@@ -23,10 +23,10 @@ from hapticnet.node.master import MasterNode
 from hapticnet.node.settings import MasterSettings, SlaveSettings
 from hapticnet.node.slave import SlaveNode
 from hapticnet.operator.scripted import InsertionSettings, ScriptedOperator
-from hapticnet.protocol.handshake import SealedDoor
+from hapticnet.protocol.handshake import Door, SealedDoor
 from hapticnet.protocol.keys import MasterEntry, Roster
 from hapticnet.protocol.settings import SessionSettings
-from hapticnet.protocol.wire import SEALED
+from hapticnet.protocol.wire import OPEN, SEALED
 from hapticnet.scene.scene import Scene
 from hapticnet.scene.sources import paper_scene
 from tests.peers import ENTRY, KEY, OTHER_ENTRY, SLAVE
@@ -73,19 +73,25 @@ def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> InGroups:
 def make_slave(
     seed: int = 1,
     *,
+    make_scene: Callable[[Any], Any] | None = None,
     session: SessionSettings | None = None,
-    record: bool = True,
-    sealed: bool = False,
+    sealed: bool | None = False,
     masters: Iterable[MasterEntry] = (ENTRY, OTHER_ENTRY),
     host_of: Callable[[Any], Hashable] = lambda address: address,
+    rng: Any = None,
+    **settings: Any,
 ) -> SlaveNode:
+    """Return a slave of sealed or of open sessions, of both if `sealed` is None."""
     scene = paper_scene(seed)
-    rng = np.random.default_rng([seed, 10])
+    rng = rng or np.random.default_rng([seed, 10])
+    doors: dict[int, Any] = {} if sealed else {OPEN: Door()}
+    if sealed is not False:
+        doors[SEALED] = SealedDoor(SLAVE.private, Roster(masters), rng)
     return SlaveNode(
-        lambda _: Scene(scene.tissues, name=scene.name),
-        SlaveSettings(record=record, session=session or SessionSettings()),
+        make_scene or (lambda _: Scene(scene.tissues, name=scene.name)),
+        SlaveSettings(**{"record": True, "session": session or SessionSettings(), **settings}),
         rng,
-        doors={SEALED: SealedDoor(SLAVE.private, Roster(masters), rng)} if sealed else None,
+        doors=doors,
         host_of=host_of,
     )
 
@@ -96,6 +102,26 @@ def make_master(
     operator = ScriptedOperator(InsertionSettings(insertions=insertions), np.random.default_rng([seed, 11]))
     plant = SimulatedDevice(PlantSettings(), np.random.default_rng([seed, 12])) if device else None
     return MasterNode(operator, plant, settings or MasterSettings(record=True), np.random.default_rng([seed, 13]))
+
+
+def linked(
+    operator: Any,
+    make_scene: Callable[[Any], Any] | None = None,
+    forward: str = "perfect",
+    feedback: str | None = None,
+    *,
+    device: Any = None,
+    seed: int = 1,
+    slave: dict[str, Any] | None = None,
+    **settings: Any,
+) -> Loopback:
+    """Return both nodes, with this operator and scene; the channel back is as the one forward unless told."""
+    return Loopback(
+        MasterNode(operator, device, MasterSettings(**settings), np.random.default_rng([seed, 13])),
+        make_slave(seed, make_scene=make_scene, sealed=None, **(slave or {})),
+        forward=Emulator(parse_channel(forward), np.random.default_rng([seed, 14])),
+        feedback=Emulator(parse_channel(feedback or forward), np.random.default_rng([seed, 15])),
+    )
 
 
 @pytest.fixture(params=[False, True], ids=["open", "sealed"])

@@ -1,23 +1,18 @@
 """A session that goes on with the scene of another: by ticket or by name, on the same clock or on another one."""
 
 import gc
-import struct
 from weakref import WeakSet
 
 import numpy as np
 import pytest
 
 from hapticnet.node.events import MasterJoined, MasterLeft
-from hapticnet.node.settings import SlaveSettings
-from hapticnet.node.slave import SlaveNode
-from hapticnet.protocol.master_session import MasterSession
-from hapticnet.protocol.messages import TICKET_BYTES, Close, Request
+from hapticnet.protocol.messages import TICKET_BYTES, Close
 from hapticnet.protocol.settings import SessionSettings
-from hapticnet.protocol.states import Connected, SessionLost, SlaveState
+from hapticnet.protocol.states import SlaveState
 from hapticnet.protocol.wire import Kind
 from hapticnet.samples import ForceSample
-from hapticnet.scene.scene import Scene
-from hapticnet.scene.sources import find_scene, find_source
+from hapticnet.scene.sources import find_source
 from tests.conftest import make_slave
 from tests.peers import OTHER_KEY, HandMaster, events_of
 
@@ -91,8 +86,9 @@ def test_a_wrong_ticket_gets_a_new_scene_and_ends_nothing(slave, sealed, ticket)
 
 def test_the_ticket_of_another_identity_is_worth_nothing(slave, sealed):
     old = master(slave, sealed, 1).work()
-    thief = HandMaster(slave, ("thief", 1), sealed=sealed, nonce=2, key=OTHER_KEY, ticket=old.grant.ticket).work(SECOND)
-    assert not thief.grant.resumed
+    for nonce, request in ((2, {"ticket": old.grant.ticket}), (3, {})):  # without a ticket: the name of a silent master
+        thief = HandMaster(slave, ("thief", nonce), sealed=sealed, nonce=nonce, key=OTHER_KEY, **request).work(SECOND)
+        assert not thief.grant.resumed
     assert old.position(2, SECOND) != []
 
 
@@ -148,6 +144,7 @@ def test_the_ticket_of_a_restarted_master_takes_no_scene_from_the_one_that_works
     third = master(slave, sealed, 3, ticket=second.grant.ticket).work(SECOND + 20_000)
     assert not third.grant.resumed
     assert len(slave.contexts) == 3
+    assert [answer.kind for answer in second.position(1, SECOND + 25_000)] == [Kind.CLOSE]
     steps = slave.contexts[0].steps
     first.position(100, SECOND + 30_000)
     assert slave.contexts[0].steps == steps + 1
@@ -176,6 +173,8 @@ def test_a_restarted_master_is_known_by_its_name_after_200_ms_of_silence(slave, 
     master(slave, sealed, 1).work(0)
     assert master(slave, sealed, 2).join(silence_us).grant.resumed is resumed
     assert master(slave, sealed, 3, name="another").join(silence_us).grant.resumed is False
+    scenes = {id(context.scene) for context in slave.contexts}
+    assert len(scenes) == (2 if resumed else 3)
 
 
 def test_pierced_tissue_stays_pierced(slave, sealed):
@@ -282,111 +281,17 @@ def test_a_chain_of_sessions_does_not_stay_in_memory(slave, sealed):
     assert not [each for each in contexts if each is not context]
 
 
-class Laboratory:
-    """A slave of open sessions, and masters on one host that have the same name."""
-
-    def __init__(self, make_scene=None):
-        preset = find_scene("paper:1")
-        self.now_us = 1_000_000
-        self.rng = np.random.default_rng(1)
-        self.slave = SlaveNode(
-            make_scene or (lambda _: Scene(preset.tissues, name=preset.name)),
-            SlaveSettings(),
-            self.rng,
-            host_of=lambda address: address[0],
-        )
-        self.masters = {}
-        self.events = {}
-
-    def start(self, port):
-        request = Request("deadband", {}, 0.1, 0.02, 1.0, 1000.0, 1, "master")
-        self.masters[port] = MasterSession(request, SessionSettings(), self.rng)
-        self.events[port] = []
-
-    def exchange(self, port, *, position=True):
-        """Let a master do what is due, and pass everything on without delay."""
-        master = self.masters[port]
-        master.tick(self.now_us)
-        if position:
-            master.send_position(self.now_us, struct.pack(">f", 0.001))
-        while sent := master.datagrams_to_send():
-            for data in sent:
-                self.slave.receive_datagram(data, ("lab", port), self.now_us)
-            for data, (_, to) in self.slave.datagrams_to_send():
-                self.masters[to].receive_datagram(data, self.now_us)
-        while (event := master.next_event()) is not None:
-            self.events[port].append(event)
-
-    def run(self, milliseconds, *ports):
-        for _ in range(milliseconds):
-            self.now_us += 1000
-            for port in ports:
-                self.exchange(port)
-
-    def scene_of(self, port):
-        (context,) = (each for each in self.slave.contexts if each.address == ("lab", port))
-        return context.scene
-
-
-@pytest.fixture
-def laboratory():
-    made = Laboratory()
-    made.start(1)
-    made.run(50, 1)
-    return made
-
-
-def test_a_restarted_master_gets_the_scene_of_its_silent_session(laboratory):
-    scene = laboratory.scene_of(1)
-    laboratory.run(300)
-    laboratory.start(2)
-    laboratory.run(50, 2)
-    assert laboratory.scene_of(2) is scene
-    assert len(laboratory.slave.contexts) == 1
-
-
-def test_a_second_master_of_the_same_name_beside_a_working_one_gets_a_scene_of_its_own(laboratory):
-    laboratory.start(2)
-    laboratory.run(50, 1, 2)
-    assert laboratory.scene_of(2) is not laboratory.scene_of(1)
-
-
-def test_a_master_that_was_silent_and_works_again_keeps_its_scene(laboratory):
-    scene = laboratory.scene_of(1)
-    laboratory.run(300)
-    laboratory.start(2)
-    laboratory.exchange(2, position=False)  # half open, to continue the silent session
-    laboratory.run(50, 1)  # which is heard of again
-    laboratory.run(50, 1, 2)
-    assert laboratory.scene_of(1) is scene
-    assert laboratory.scene_of(2) is not scene
-    assert [type(event) for event in laboratory.events[2]] == [Connected, SessionLost, Connected]
-    assert [type(event) for event in laboratory.events[1]].count(SessionLost) == 0
-
-
-def test_of_two_that_are_to_continue_one_scene_only_the_first_does(laboratory):
-    scene = laboratory.scene_of(1)
-    laboratory.run(300)
-    for port in (2, 3):
-        laboratory.start(port)
-        laboratory.exchange(port, position=False)
-    laboratory.run(200, 2, 3)
-    assert laboratory.scene_of(2) is scene
-    assert laboratory.scene_of(3) is not scene
-
-
-def test_masters_touch_a_shared_object_at_the_same_time(tmp_path):
+@pytest.mark.plain
+def test_masters_touch_a_shared_object_at_the_same_time(slave, sealed, tmp_path):
     rig = tmp_path / "rig.py"
     rig.write_text("class Wall:\n    shared = True\n\n    def step(self, sample):\n        return 0.0\n")
     source = find_source(f"{rig}:Wall")
-    lab = Laboratory(lambda _: source.make())
-    for port in (1, 2):
-        lab.start(port)
-    for _ in range(3_000):
-        for port in (1, 2):
-            lab.exchange(port)
-        lab.now_us += 1_000
-    assert not any(isinstance(event, SessionLost) for port in (1, 2) for event in lab.events[port])
-    one, other = lab.slave.contexts
+    slave._admission._make_scene = lambda _: source.make()
+    pair = [master(slave, sealed, port, name=f"master {port}").join(0) for port in (1, 2)]
+    for step in range(1, 3000):
+        for each in pair:
+            each.position(step, 1000 * step)
+    one, other = slave.contexts
+    assert one.steps == other.steps == 2999
     assert one.scene.touched is other.scene.touched
     assert source.close() == []

@@ -3,24 +3,15 @@
 import numpy as np
 import pytest
 
-from hapticnet.channel.emulator import Emulator
-from hapticnet.channel.settings import ChannelSettings
-from hapticnet.node.loopback import Loopback
-from hapticnet.node.master import MasterNode
-from hapticnet.node.settings import MasterSettings, SlaveSettings
-from hapticnet.node.slave import NOTICES_AT_ONCE, SlaveNode
-from hapticnet.protocol.handshake import Door, SealedDoor
-from hapticnet.protocol.keys import Roster
+from hapticnet.node.slave import NOTICES_AT_ONCE
 from hapticnet.protocol.messages import Code
 from hapticnet.protocol.states import Connected, Ended, MasterState, Noticed, Refused, SessionLost, SlaveState
 from hapticnet.samples import PositionSample
-from hapticnet.scene.scene import Scene
-from hapticnet.scene.sources import paper_scene
-from tests.peers import ENTRY, KEY, SLAVE
+from tests.conftest import linked, make_slave
+from tests.peers import KEY, events_of
 
 MS = 1000
 SECOND = 1000 * MS
-each_slave = pytest.mark.parametrize("sealed", [False, True])
 
 
 class Hand:
@@ -30,29 +21,12 @@ class Hand:
         return PositionSample(t_us, (0.024 + 0.002 * np.sin(2e-6 * np.pi * t_us),))
 
 
-def make_slave():
-    rng = np.random.default_rng(1)
-    doors = {1: Door(), 2: SealedDoor(SLAVE.private, Roster([ENTRY]), rng)}
-    return SlaveNode(lambda _: Scene(paper_scene(1).tissues), SlaveSettings(), rng, doors=doors)
+def told_link(sealed, seed=1):
+    return linked(Hand(), seed=seed, key=KEY if sealed else None)
 
 
-def make_master(sealed, seed=2):
-    settings = MasterSettings(key=KEY if sealed else None)
-    return MasterNode(Hand(), None, settings, np.random.default_rng(seed))
-
-
-def linked(sealed):
-    channels = [Emulator(ChannelSettings(), np.random.default_rng(each)) for each in (3, 4)]
-    return Loopback(make_master(sealed), make_slave(), forward=channels[0], feedback=channels[1])
-
-
-def events(node):
-    return list(iter(node.next_event, None))
-
-
-@each_slave
 def test_a_running_master_is_told_and_keeps_its_force_until_it_has_finished(sealed):
-    link = linked(sealed)
+    link = told_link(sealed)
     link.run(SECOND)
     held_n = link.master.held_n[0]
     assert held_n > 0.1
@@ -63,7 +37,7 @@ def test_a_running_master_is_told_and_keeps_its_force_until_it_has_finished(seal
         link.slave.check(link.now_us)
         link.slave.account_sent(link.now_us)
         assert link.master.held_n[0] > 0.1
-    told = [each for each in events(link.master) if isinstance(each, Noticed)]
+    told = [each for each in events_of(link.master) if isinstance(each, Noticed)]
     assert [each.code for each in told] == [Code.STOPPING], "once, although the slave repeats it"
     assert link.master.session.received.by_kind[10] >= 2
     assert link.master.report()["notices"]
@@ -72,9 +46,8 @@ def test_a_running_master_is_told_and_keeps_its_force_until_it_has_finished(seal
     assert link.slave.report()["sessions"][0]["superseded"] == 0
 
 
-@each_slave
 def test_the_end_of_the_time_cuts_no_force(sealed):
-    link = linked(sealed)
+    link = told_link(sealed)
     link.run(SECOND)
     link.slave.drain(link.now_us)
     link.run(SECOND)
@@ -86,33 +59,32 @@ def test_the_end_of_the_time_cuts_no_force(sealed):
         held_n.append(link.master.held_n[0])
     assert held_n[-1] == 0.0
     assert max(-np.diff(held_n)) <= 1.05 * max(held_n) / 100, "it falls over a tenth of a second"
-    (lost,) = [each for each in events(link.master) if isinstance(each, SessionLost)]
+    (lost,) = [each for each in events_of(link.master) if isinstance(each, SessionLost)]
     assert "shutting down" in lost.reason
 
 
-@each_slave
 def test_a_new_master_is_refused_with_a_reason_and_asks_again(sealed):
-    link = linked(sealed)
+    link = told_link(sealed)
     link.run(100 * MS)
     link.slave.drain(link.now_us)
     link.slave.close("shutting down", link.now_us)
-    late = Loopback(make_master(sealed, 5), link.slave, forward=link.forward, feedback=link.feedback)
+    late = told_link(sealed, 5)
+    late.slave = link.slave
     late.now_us = late._next_tick_us = link.now_us
     late.run(4 * SECOND)
-    found = events(late.master)
+    found = events_of(late.master)
     assert not [each for each in found if isinstance(each, Ended | Connected)]
     refused = [each for each in found if isinstance(each, Refused)]
     assert {each.code for each in refused} == {Code.STOPPING}
     assert [each.retry_us for each in refused][:2] == [SECOND, 2 * SECOND]
     assert late.master.session.state is MasterState.CONNECTING
-    late.slave = make_slave()  # the next one at this address
+    late.slave = make_slave(sealed=None)  # the next one at this address
     late.run(6 * SECOND)
     assert late.master.connected
 
 
-@each_slave
 def test_a_running_master_may_change_its_codec_while_the_slave_waits(sealed):
-    link = linked(sealed)
+    link = told_link(sealed)
     link.run(SECOND)
     link.slave.drain(link.now_us)
     link.master.change(codec="raw")
@@ -124,7 +96,7 @@ def test_a_running_master_may_change_its_codec_while_the_slave_waits(sealed):
 @pytest.mark.plain
 def test_a_thousand_masters_are_told_a_few_at_a_time():
     """Telling all of them at once would hold up the forces of each."""
-    slave = make_slave()
+    slave = make_slave(sealed=None)
 
     class Told:
         seated = True

@@ -3,15 +3,10 @@
 import numpy as np
 import pytest
 
-from hapticnet.channel.emulator import Emulator
-from hapticnet.channel.settings import ChannelSettings
 from hapticnet.device.simulated import PlantSettings, SimulatedDevice
 from hapticnet.node.events import Paused, ScenePaused
-from hapticnet.node.loopback import Loopback
-from hapticnet.node.master import MasterNode
-from hapticnet.node.settings import MasterSettings, SlaveSettings
-from hapticnet.node.slave import SlaveNode
 from hapticnet.samples import ForceSample, PositionSample
+from tests.conftest import linked
 
 SECOND = 1_000_000
 
@@ -49,14 +44,8 @@ class Hand:
         return PositionSample(t_us, self.at_m)
 
 
-def linked(hand, scene, device=None, **settings):
-    channels = [Emulator(ChannelSettings(), np.random.default_rng(each)) for each in (1, 2)]
-    return Loopback(
-        MasterNode(hand, device, MasterSettings(on_error="pause", **settings), np.random.default_rng(3)),
-        SlaveNode(lambda _: scene, SlaveSettings(on_error="pause", record=True), np.random.default_rng(4)),
-        forward=channels[0],
-        feedback=channels[1],
-    )
+def pausing(hand, scene, device=None, **settings):
+    return linked(hand, lambda _: scene, device=device, slave={"on_error": "pause"}, on_error="pause", **settings)
 
 
 def events(node, kind):
@@ -65,7 +54,7 @@ def events(node, kind):
 
 def test_an_operator_that_raises_is_not_asked_again_until_it_is_resumed():
     hand = Hand(0.01)
-    link = linked(hand, Spring())
+    link = pausing(hand, Spring())
     link.run(SECOND)
     assert link.master.held_n == (2.0,)
     hand.broken = True
@@ -89,7 +78,7 @@ def test_an_operator_that_raises_is_not_asked_again_until_it_is_resumed():
 
 def test_a_scene_that_raises_gives_no_force_until_it_is_resumed():
     scene = Spring()
-    link = linked(Hand(0.01), scene)
+    link = pausing(Hand(0.01), scene)
     link.run(SECOND)
     scene.broken = True
     link.run(SECOND)
@@ -106,7 +95,7 @@ def test_a_scene_that_raises_gives_no_force_until_it_is_resumed():
 
 def test_every_axis_is_felt_held_and_recorded():
     hand = Hand(0.01, 0.0, -0.005)
-    link = linked(hand, Spring(3), record=True, record_datagrams=True)
+    link = pausing(hand, Spring(3), record=True, record_datagrams=True)
     link.run(SECOND)
     assert link.master.held_n == (2.0, 0.0, -1.0)
     assert hand.felt[-1][1] == (2.0, 0.0, -1.0)
@@ -121,7 +110,7 @@ def test_every_axis_is_felt_held_and_recorded():
 
 def test_both_sides_record_the_same_times_however_long_the_masters_host_has_been_up():
     hand = Hand(0.01)
-    link = linked(hand, Spring(), record=True)
+    link = pausing(hand, Spring(), record=True)
     link.now_us = link._next_tick_us = 5 * (1 << 32) + 12_345
     link.run(SECOND)
     master, slave = link.master.recording.table(), link.slave.contexts[0].recording.table()
@@ -132,6 +121,6 @@ def test_both_sides_record_the_same_times_however_long_the_masters_host_has_been
 @pytest.mark.parametrize(("takes", "target_n"), [("x", 1.2), ("z", 0.5), ("norm", 1.3)])
 def test_a_device_renders_the_axis_that_it_is_declared_to_take(takes, target_n):
     device = SimulatedDevice(PlantSettings(), np.random.default_rng(1))
-    link = linked(Hand(0.006, 0.0, 0.0025), Spring(3), device, device_takes=takes)
+    link = pausing(Hand(0.006, 0.0, 0.0025), Spring(3), device, device_takes=takes)
     link.run(SECOND)
     assert link.master.target_n == pytest.approx(target_n)

@@ -6,14 +6,12 @@ import pytest
 from hapticnet.channel.emulator import Emulator
 from hapticnet.channel.spec import parse_channel
 from hapticnet.codec.registry import every_codec
-from hapticnet.node.loopback import Loopback
-from hapticnet.node.master import MasterNode
-from hapticnet.node.settings import MasterSettings, SlaveSettings
-from hapticnet.node.slave import SlaveNode
 from hapticnet.protocol.settings import RepairSettings, SessionSettings
 from hapticnet.protocol.states import LinkStale
 from hapticnet.protocol.wire import Kind, unpack
 from hapticnet.samples import ForceSample, PositionSample
+from tests.conftest import linked
+from tests.peers import events_of
 
 CODECS = every_codec()
 
@@ -24,8 +22,7 @@ ROUND_TRIP_US = 2 * DELAY_US
 class Resting:
     """An operator that does not move."""
 
-    axes = 1
-    duration_us = None
+    axes, duration_us = 1, None
 
     def sample(self, elapsed_us):
         return PositionSample(elapsed_us, (0.0,))
@@ -34,9 +31,7 @@ class Resting:
 class Stepping:
     """A scene whose force changes by more than a threshold every 5 to 35 ms."""
 
-    name = "stepping"
-    axes = 1
-    breaches = 0
+    name, axes, breaches = "stepping", 1, 0
 
     def __init__(self):
         self._rng = np.random.default_rng(3)
@@ -53,9 +48,7 @@ class Stepping:
 class Constant:
     """A scene that presses with 1 N, so that only keepalives tell the link from a dead one."""
 
-    name = "constant"
-    axes = 1
-    breaches = 0
+    name, axes, breaches = "constant", 1, 0
 
     def step(self, sample):
         return ForceSample(sample.t_us, (1.0,))
@@ -81,17 +74,11 @@ class Losing:
 
 
 def link_with(codec, feedback="", forward="", *, scene=Stepping, delay_us=DELAY_US, repair=None, seed=4, **parameters):
-    def channel(more, seed, kind=Emulator):
-        return kind(parse_channel(f"delay={delay_us // 1000}ms{more}"), np.random.default_rng(seed))
-
-    session = SessionSettings(repair=repair or RepairSettings())
-    settings = MasterSettings(codec=codec, parameters=parameters, session=session)
-    return Loopback(
-        MasterNode(Resting(), None, settings, np.random.default_rng(1)),
-        SlaveNode(lambda _: scene(), SlaveSettings(session=session), np.random.default_rng(2)),
-        forward=channel(forward, seed),
-        feedback=channel(feedback, seed + 1, Losing),
-    )
+    delay, session = f"delay={delay_us // 1000}ms", SessionSettings(repair=repair or RepairSettings())
+    settings = {"codec": codec, "parameters": parameters, "session": session}
+    link = linked(Resting(), lambda _: scene(), delay + forward, seed=seed, slave={"session": session}, **settings)
+    link.feedback = Losing(parse_channel(delay + feedback), np.random.default_rng(seed + 1))
+    return link
 
 
 def bursts(share, packets):
@@ -145,23 +132,26 @@ def test_residuals_get_through_a_fifth_of_loss():
     assert received["malformed"] <= 0.02 * received["by_kind"]["force"], "refused, of those that arrived"
 
 
-@pytest.mark.parametrize("codec", ["deadband", "least-squares", "adaptive-predictive"])
-def test_without_loss_not_a_byte_more_is_sent(codec):
+def with_and_without_repair(codec, jitter="", **settings):
+    """Return links that have run for ten seconds: one as it is, one that repairs nothing."""
     never = RepairSettings(replaces=False, repeats=False, paces=False)
-    # Before the first acknowledgement a round trip of at most 100 ms is assumed.
-    links = [link_with(codec, repair=repair, delay_us=20_000) for repair in (None, never)]
+    links = [link_with(codec, jitter, jitter, repair=repair, **settings) for repair in (None, never)]
     for link in links:
         link.run(10_000_000)
-    assert sent_bytes(links[0]) == sent_bytes(links[1])
+    return links
+
+
+@pytest.mark.parametrize("codec", ["deadband", "least-squares", "adaptive-predictive"])
+def test_without_loss_not_a_byte_more_is_sent(codec):
+    # Before the first acknowledgement a round trip of at most 100 ms is assumed.
+    repairing, other = with_and_without_repair(codec, delay_us=20_000)
+    assert sent_bytes(repairing) == sent_bytes(other)
 
 
 @pytest.mark.parametrize("codec", ["deadband", "least-squares"])
 def test_jitter_causes_next_to_no_repairs(codec):
-    never = RepairSettings(replaces=False, repeats=False, paces=False)
-    links = [link_with(codec, ",jitter=uniform:5ms", ",jitter=uniform:5ms", repair=repair) for repair in (None, never)]
-    for link in links:
-        link.run(10_000_000)
-    assert links[0].feedback.forces <= 1.01 * links[1].feedback.forces
+    repairing, other = with_and_without_repair(codec, ",jitter=uniform:5ms")
+    assert repairing.feedback.forces <= 1.01 * other.feedback.forces
 
 
 @pytest.mark.parametrize("burst", [1.2, 5.0])
@@ -194,15 +184,10 @@ def test_three_tenths_of_loss_do_not_release_the_finger(delay_ms, burst, jitter,
     loss = jitter + bursts(0.3, burst)
     link = link_with("deadband", loss, loss, scene=Constant, delay_us=1000 * delay_ms, seed=seed)
     link.run(5_000_000)  # the first losses are not known in advance
-    drain(link)
+    events_of(link.master)
     released = 0
     for _ in range(50 * seconds):
         link.run(20_000)
         released += link.master.held_force_n(link.now_us)[0] < 1.0
     assert released == 0
-    assert not any(isinstance(event, LinkStale) for event in drain(link))
-
-
-def drain(link):
-    """Return the events of the master so far."""
-    return list(iter(link.master.next_event, None))
+    assert not any(isinstance(event, LinkStale) for event in events_of(link.master))

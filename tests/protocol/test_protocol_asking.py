@@ -172,6 +172,22 @@ def test_a_sealed_welcome_under_another_pre_shared_key_is_not_believed():
     assert session.state is MasterState.CONNECTING
 
 
+def test_a_master_with_a_key_takes_no_open_session():
+    session = new_session(sealed=True)
+    slave = HandSlave(session, sealed=True)
+    session.tick(0)
+    hello = slave.hello()
+    nonce = unpack_hello(hello.body).nonce
+    session.receive_datagram(pack(Kind.COOKIE, 0, 0, pack_body(Cookie(nonce, bytes(16))), OPEN), 0)
+    for version in (OPEN, SEALED):
+        body = pack_body(Welcome(nonce, pack_body(GRANT)))
+        session.receive_datagram(pack(Kind.WELCOME, SESSION, 0, body, version), 0)
+    assert session.state is MasterState.CONNECTING
+    assert {datagram.version for datagram in slave.said()} == {SEALED}
+    slave.welcome(hello, 0)
+    assert events_of(session) == [Connected(GRANT)]
+
+
 def test_a_sealed_request_does_not_show_on_the_wire():
     session = new_session(sealed=True)
     session.tick(0)
