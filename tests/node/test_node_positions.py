@@ -1,21 +1,18 @@
 """Positions that are only sent when they matter: one JND over both directions, end to end, in virtual time."""
 
+import math
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
-from hapticnet.channel.emulator import Emulator
 from hapticnet.channel.spec import parse_channel
 from hapticnet.codec.positions import PromisedLine
 from hapticnet.errors import SampleError, SettingsError
-from hapticnet.node.loopback import Loopback
-from hapticnet.node.master import MasterNode
 from hapticnet.node.positions import DeadReckoning
-from hapticnet.node.settings import MasterSettings, SlaveSettings
-from hapticnet.node.slave import SlaveNode
+from hapticnet.node.settings import MasterSettings
 from hapticnet.operator.scripted import InsertionSettings, ScriptedOperator
 from hapticnet.perception import WeberLaw
-from hapticnet.protocol.handshake import SealedDoor
-from hapticnet.protocol.keys import Roster
 from hapticnet.protocol.settings import SessionSettings
 from hapticnet.protocol.states import MasterState
 from hapticnet.samples import ForceSample, PositionSample
@@ -25,7 +22,8 @@ from hapticnet.scene.settings import Tissue
 from hapticnet.scene.sources import paper_scene
 from hapticnet.stiffness_bound import StiffnessBound
 from hapticnet.vectors import single
-from tests.peers import ENTRY, KEY, SLAVE
+from tests.conftest import linked
+from tests.peers import KEY
 
 SECOND = 1_000_000
 HANDS = {
@@ -37,18 +35,12 @@ HANDS = {
 CODECS = ("raw", "deadband", "linear-predictive", "adaptive-predictive")
 
 
+SPRING = (Tissue(name="spring", rest_position_m=0.02, stiffness_n_per_m=400.0, breach_force_n=4.0),)
+
+
 def tissues(**properties):
     """Return the paper's tissues with other properties."""
-    return tuple(
-        Tissue(
-            name=tissue.name,
-            rest_position_m=tissue.rest_position_m,
-            stiffness_n_per_m=tissue.stiffness_n_per_m,
-            breach_force_n=tissue.breach_force_n,
-            **properties,
-        )
-        for tissue in paper_scene(1).tissues
-    )
+    return tuple(replace(tissue, **properties) for tissue in paper_scene(1).tissues)
 
 
 SCENES = {
@@ -59,19 +51,22 @@ SCENES = {
 }
 
 
-def link(scene=SCENES["paper"], hand=None, *, forward="perfect", feedback="perfect", seed=1, sealed=False, **settings):
-    """Return both nodes, joined by channels, and the duration of the hand's script [µs]."""
-    operator = ScriptedOperator(InsertionSettings(**({"insertions": 1} | (hand or {}))), np.random.default_rng(seed))
-    settings = {"positions": "line", "record": True} | settings
-    rng = np.random.default_rng([seed, 1])
-    master = MasterNode(operator, None, MasterSettings(key=KEY if sealed else None, **settings), rng)
-    make = scene if callable(scene) else lambda _: Scene(scene)
-    doors = {2: SealedDoor(SLAVE.private, Roster([ENTRY]), rng)} if sealed else None
-    channels = {
-        "forward": Emulator[bytes](parse_channel(forward), np.random.default_rng([seed, 2])),
-        "feedback": Emulator[bytes](parse_channel(feedback), np.random.default_rng([seed, 3])),
-    }
-    return Loopback(master, SlaveNode(make, SlaveSettings(), rng, doors=doors), **channels), operator.duration_us
+def scripted(tissues=SCENES["paper"], hand=None, **settings):
+    """Return both nodes and the duration of the hand's script [µs]."""
+    operator = ScriptedOperator(InsertionSettings(**({"insertions": 1} | (hand or {}))), np.random.default_rng(1))
+    return line_link(operator, tissues, **settings), operator.duration_us
+
+
+def line_link(operator, scene, *args, **settings):
+    """Return both nodes; positions are promised lines unless told otherwise."""
+    make_scene = scene if callable(scene) else lambda _: Scene(scene)
+    return linked(operator, make_scene, *args, **({"positions": "line", "record": True} | settings))
+
+
+def cut(loop, *ways):
+    """Let nothing arrive any more, on one way or on both."""
+    for way in ways or ("forward", "feedback"):
+        getattr(loop, way).change(parse_channel("loss=100%"))
 
 
 def felt_and_true(loop, scene):
@@ -93,7 +88,7 @@ def exceeding(felt_n, true_n, law):
 @pytest.mark.parametrize("codec", CODECS)
 @pytest.mark.parametrize("hand", HANDS)
 def test_the_felt_force_is_within_one_jnd_of_the_true_force_of_the_true_position(codec, hand):
-    loop, duration_us = link(hand=HANDS[hand], codec=codec)
+    loop, duration_us = scripted(hand=HANDS[hand], codec=codec)
     loop.run(duration_us)
     felt_n, true_n = felt_and_true(loop, SCENES["paper"])
     assert true_n.max() > 3.0
@@ -106,7 +101,7 @@ def test_the_felt_force_is_within_one_jnd_of_the_true_force_of_the_true_position
 @pytest.mark.parametrize("codec", CODECS)
 @pytest.mark.parametrize("scene", ["stiffening", "viscous", "recovering"])
 def test_it_holds_where_the_force_depends_on_more_than_the_position(codec, scene):
-    loop, duration_us = link(SCENES[scene], codec=codec)
+    loop, duration_us = scripted(SCENES[scene], codec=codec)
     loop.run(duration_us)
     felt_n, true_n = felt_and_true(loop, SCENES[scene])
     assert true_n.max() > 1.5
@@ -116,7 +111,7 @@ def test_it_holds_where_the_force_depends_on_more_than_the_position(codec, scene
 @pytest.mark.parametrize("share", [0.05, 0.5, 0.9])
 @pytest.mark.parametrize("law", [WeberLaw(multiplier=4.0), WeberLaw(weber_fraction=0.0), WeberLaw(weber_fraction=0.3)])
 def test_it_holds_for_every_share_and_law(share, law):
-    loop, duration_us = link(codec="deadband", position_share=share, law=law)
+    loop, duration_us = scripted(codec="deadband", position_share=share, law=law)
     loop.run(duration_us)
     felt_n, true_n = felt_and_true(loop, SCENES["paper"])
     assert exceeding(felt_n, true_n, law) == 0
@@ -129,7 +124,7 @@ def test_raw_positions_are_the_default_and_what_a_scene_gets_that_says_nothing_o
         def step(self, sample):
             return ForceSample(sample.t_us, (max(0.0, 300.0 * (sample.position_m[0] - 0.02)),))
 
-    for loop, _ in (link(positions="raw"), link(lambda _: Spring())):
+    for loop, _ in (scripted(positions="raw"), scripted(lambda _: Spring())):
         loop.run(SECOND)
         positions = loop.master.report()["positions"]
         assert positions["sent"] == positions["ticks"]
@@ -140,14 +135,14 @@ def test_raw_positions_are_the_default_and_what_a_scene_gets_that_says_nothing_o
 @pytest.mark.parametrize("sealed", [False, True])
 def test_a_link_with_delay_jitter_and_loss_stays_up_and_ends_at_the_same_scene(sealed):
     network = "delay=20ms,jitter=normal:3ms,loss=5%"
-    loop, duration_us = link(forward=network, feedback=network, codec="adaptive-predictive", sealed=sealed)
+    loop, duration_us = scripted(forward=network, codec="adaptive-predictive", key=KEY if sealed else None)
     states = []
     for _ in range(duration_us // 10_000):
         loop.run(10_000)
         states.append(loop.master.session.state)
     begun = states.index(MasterState.ESTABLISHED)
     assert set(states[begun:]) == {MasterState.ESTABLISHED}
-    every, _ = link(forward=network, feedback=network, codec="adaptive-predictive", positions="raw")
+    every, _ = scripted(forward=network, codec="adaptive-predictive", positions="raw")
     every.run(duration_us)
     errors_n = [np.subtract(*felt_and_true(each, SCENES["paper"])) for each in (loop, every)]
     sparse_n, raw_n = (float(np.sqrt(np.mean(error_n**2))) for error_n in errors_n)
@@ -158,10 +153,10 @@ def test_a_link_with_delay_jitter_and_loss_stays_up_and_ends_at_the_same_scene(s
 
 
 def test_a_slave_that_hears_no_more_falls_silent_and_the_force_is_let_go():
-    loop, _ = link(hand={"push_steps": 1, "depth_m": 0.025, "pause_s": 5.0}, codec="deadband")
+    loop, _ = scripted(hand={"push_steps": 1, "depth_m": 0.025, "pause_s": 5.0}, codec="deadband")
     loop.run(4 * SECOND)
     assert loop.master.held_n[0] > 0.5
-    loop.forward.change(parse_channel("loss=100%"))
+    cut(loop, "forward")
     steps = loop.slave.report()["sessions"][0]["between"]
     loop.run(400_000)
     assert loop.slave.report()["sessions"][0]["between"] - steps <= 150
@@ -207,12 +202,7 @@ class Circling:
 
 
 def with_wall(wall, **settings):
-    master = MasterNode(
-        Circling(), None, MasterSettings(positions="line", record=True, **settings), np.random.default_rng(1)
-    )
-    slave = SlaveNode(lambda _: UserScene(wall), SlaveSettings(), np.random.default_rng(2))
-    channels = [Emulator[bytes](parse_channel("perfect"), np.random.default_rng(3)) for _ in range(2)]
-    return Loopback(master, slave, forward=channels[0], feedback=channels[1])
+    return line_link(Circling(), lambda _: UserScene(wall), **settings)
 
 
 @pytest.mark.parametrize("codec", CODECS)
@@ -255,9 +245,9 @@ def test_an_bound_that_fails_or_is_none_ends_its_session_in_words(bound):
 
 
 def test_an_bound_that_was_lost_is_told_again_and_meanwhile_positions_go_on():
-    loop, duration_us = link(codec="adaptive-predictive", hand={"push_s": 6.0})
+    loop, duration_us = scripted(codec="adaptive-predictive", hand={"push_s": 6.0})
     loop.run(SECOND)
-    loop.feedback.change(parse_channel("loss=100%"))
+    cut(loop, "feedback")
     before = loop.master.report()["positions"]["sent"]
     loop.run(150_000)  # less than it takes to go stale; the surface is met in this time or later
     loop.feedback.change(parse_channel("perfect"))
@@ -273,7 +263,7 @@ def test_keepalives_are_few_and_fewest_while_nothing_is_felt():
     pressing = {"depth_m": 0.022, "push_s": 0.5, "push_steps": 1, "pause_s": 8.0}
     rates = []
     for hand in (rest, pressing):
-        loop, _ = link(hand=hand, codec="deadband")
+        loop, _ = scripted(hand=hand, codec="deadband")
         loop.run(2 * SECOND)
         start = loop.master.session.received.by_kind[6]
         loop.run(4 * SECOND)
@@ -285,9 +275,9 @@ def test_keepalives_are_few_and_fewest_while_nothing_is_felt():
 
 
 def test_a_dead_link_is_noticed_though_nothing_is_felt():
-    loop, _ = link(hand={"approach_m": 0.010, "depth_m": 0.010, "push_s": 8.0, "push_steps": 1})
+    loop, _ = scripted(hand={"approach_m": 0.010, "depth_m": 0.010, "push_s": 8.0, "push_steps": 1})
     loop.run(2 * SECOND)
-    loop.feedback.change(parse_channel("loss=100%"))
+    cut(loop, "feedback")
     loop.run(1_500_000)
     assert loop.master.session.state is MasterState.STALE
 
@@ -320,7 +310,7 @@ def test_a_scene_that_refuses_places_on_the_line_is_asked_once_a_period():
             return ForceSample(sample.t_us, (0.0,))
 
     scene = Picky()
-    loop, _ = link(lambda _: scene)
+    loop, _ = scripted(lambda _: scene)
     loop.run(SECOND // 5)
     assert 5 < scene.asked < 300
     assert not loop.master.finished
@@ -331,7 +321,7 @@ def test_a_largest_age_that_leaves_no_answer_fresh_is_refused():
     assert MasterSettings(session=limits).session is limits
     with pytest.raises(SettingsError, match=r"at least 0\.2 s"):
         MasterSettings(session=limits, positions="line")
-    loop, _ = link(session=SessionSettings(max_age_us=200_000), forward="delay=5ms", feedback="delay=5ms")
+    loop, _ = scripted(session=SessionSettings(max_age_us=200_000), forward="delay=5ms")
     loop.run(SECOND)
     assert loop.master.session.state is MasterState.ESTABLISHED
     assert loop.master.session.received.too_old == 0
@@ -341,13 +331,12 @@ def test_a_largest_age_that_leaves_no_answer_fresh_is_refused():
 @pytest.mark.parametrize("multiplier", [1.0, 40.0])
 @pytest.mark.parametrize("codec", ["deadband", "linear-predictive", "motion-predictive"])
 def test_a_dead_link_holds_no_force_longer_whatever_the_jnd(codec, multiplier, dies):
-    loop, _ = link(
+    loop, _ = scripted(
         hand={"push_steps": 1, "depth_m": 0.0255, "pause_s": 5.0}, codec=codec, law=WeberLaw(multiplier=multiplier)
     )
     loop.run(4 * SECOND)
     assert loop.master.held_n[0] > 0.7
-    for each in ("forward", "feedback") if dies == "both" else (dies,):
-        getattr(loop, each).change(parse_channel("loss=100%"))
+    cut(loop, *(("forward", "feedback") if dies == "both" else (dies,)))
     # Of a line the slave makes answers for up to 150 ms.
     loop.run(301_000 + (150_000 if dies == "forward" else 0))
     assert loop.master.held_n[0] == 0.0
@@ -371,16 +360,12 @@ class PressAndStay:
 def test_what_stays_longer_than_that_is_too_little_to_press(multiplier):
     longer = []
     for stays_n in (-0.1, 0.01, 0.02, 0.03, 0.04, 0.05, 0.06, 0.1):
-        law, rng = WeberLaw(multiplier=multiplier), np.random.default_rng(1)
-        master = MasterNode(PressAndStay(stays_n), None, MasterSettings(law=law, positions="line"), rng)
-        spring = (Tissue(name="spring", rest_position_m=0.02, stiffness_n_per_m=400.0, breach_force_n=4.0),)
-        channels = [Emulator[bytes](parse_channel("perfect"), rng) for _ in range(2)]
-        slave = SlaveNode(lambda _, spring=spring: Scene(spring), SlaveSettings(), rng)
-        loop = Loopback(master, slave, forward=channels[0], feedback=channels[1])
+        law = WeberLaw(multiplier=multiplier)
+        loop = line_link(PressAndStay(stays_n), SPRING, law=law)
+        master = loop.master
         loop.run(2 * SECOND)
         held_n = master.held_n[0]
-        for channel in channels:
-            channel.change(parse_channel("loss=100%"))
+        cut(loop)
         loop.run(301_000)
         if master.held_n[0]:
             longer.append(master.held_n[0])
@@ -404,20 +389,96 @@ class PressAgain:
 @pytest.mark.parametrize("codec", ["deadband", "motion-predictive"])
 @pytest.mark.parametrize("announced", [False, True])
 def test_a_link_that_is_cut_while_nothing_is_felt_lets_go_of_what_the_position_would_make(codec, announced):
-    scene = (Tissue(name="skin", rest_position_m=0.02, stiffness_n_per_m=400.0, breach_force_n=4.0),)
-    hand, rng = PressAgain(), np.random.default_rng(1)
-    settings = MasterSettings(codec=codec, positions="line", announced=announced, record=True)
-
-    def channel(text):
-        return Emulator[bytes](parse_channel(text), rng)
-
-    loop = Loopback(
-        MasterNode(hand, None, settings, rng), SlaveNode(lambda _: Scene(scene), SlaveSettings(), rng),
-        forward=channel("perfect"), feedback=channel("perfect"),
-    )  # fmt: skip
+    loop = line_link(PressAgain(), SPRING, codec=codec, announced=announced)
     loop.run(1_300_000)
-    loop.forward, loop.feedback = channel("loss=100%"), channel("loss=100%")
+    cut(loop)
     loop.run(1_700_000)
     table = loop.master.recording.table()
     assert table["held_n"][:1200].max() > 1.0
     assert table["held_n"][table["t_us"] > 1_700_000].max() < WeberLaw().floor_n
+
+
+TICK_US = 1_000
+
+
+class Vibrating:
+    """A hand that vibrates with 2 mm at 150 Hz, around a place that wanders by 10 mm."""
+
+    axes = 1
+
+    def __init__(self, centre_m):
+        self._centre_m = centre_m
+
+    def sample(self, t_us):
+        t_s = 1e-6 * t_us
+        wander_m = 0.01 * math.sin(2.0 * math.pi * 0.7 * t_s)
+        return PositionSample(t_us, (self._centre_m + wander_m + 0.002 * math.sin(2.0 * math.pi * 150.0 * t_s),))
+
+
+class Wandering:
+    """A hand that is pushed about at random, and drawn to a place."""
+
+    axes = 1
+
+    def __init__(self, centre_m):
+        self._centre_m, self._rng = centre_m, np.random.default_rng(1)
+        self._x_m, self._v_m_per_s = centre_m - 0.005, 0.0
+
+    def sample(self, t_us):
+        drawn = 0.02 * self._v_m_per_s + 0.05 * (self._x_m - self._centre_m)
+        self._v_m_per_s += float(self._rng.normal(0.0, 0.02)) - drawn
+        self._x_m += 1e-3 * self._v_m_per_s
+        return PositionSample(t_us, (self._x_m,))
+
+
+def layers(**properties):
+    return tuple(
+        Tissue(name=f"at {rest_m}", rest_position_m=rest_m, stiffness_n_per_m=n_per_m, breach_force_n=3.0, **properties)
+        for rest_m, n_per_m in ((0.02, 800.0), (0.026, 500.0))
+    )
+
+
+LAYERS = {
+    "elastic": layers(),
+    "friction": layers(shaft_friction_n=0.3),
+    "viscous": layers(viscosity_n_s_per_m=4.0),
+    "viscous and stiffening": layers(viscosity_n_s_per_m=4.0, stiffening_per_m=100.0),
+}
+
+
+def applied_n(master, t_us):
+    """Return the force that the master's decoder gives now at the position of the newest tick [N]."""
+    return master._applied._stream.decoder.reconstruct(t_us, master.position_m, t_us)[0]
+
+
+def wrong_and_ticks(layers, hand, law, **settings):
+    """Return at how many ticks the answer leaves a force that is no JND near the true one, and of how many."""
+    loop, touched, ticks, wrong = line_link(hand, layers, law=law, **settings), Scene(layers), 0, 0
+    loop.run(TICK_US)
+    for _ in range(1200):
+        loop.run(TICK_US)
+        t_us, at_m = loop.now_us - TICK_US, single(loop.master.position_m)
+        true_n = touched.step(PositionSample(t_us, at_m)).force_n[0]
+        felt_n = applied_n(loop.master, t_us)
+        ticks += true_n > 0.1
+        wrong += abs(felt_n - true_n) > law.threshold_n(abs(felt_n)) * (1.0 + 1e-6)
+    assert touched.breaches == loop.slave.contexts[0].scene.breaches
+    return wrong, ticks
+
+
+@pytest.mark.parametrize("codec", ["deadband", "adaptive-predictive", "motion-predictive"])
+@pytest.mark.parametrize("scene", LAYERS)
+@pytest.mark.parametrize("hand", [Vibrating, Wandering])
+def test_it_holds_for_hands_and_layers_that_find_the_gaps(hand, scene, codec):
+    wrong, ticks = wrong_and_ticks(
+        LAYERS[scene], hand(0.024), WeberLaw(multiplier=2.0), codec=codec, position_share=0.9
+    )
+    assert ticks > 50
+    assert wrong == 0
+
+
+@pytest.mark.parametrize("scene", LAYERS)
+def test_it_holds_with_announced_contact(scene):
+    wrong, ticks = wrong_and_ticks(LAYERS[scene], Vibrating(0.024), WeberLaw(), codec="deadband", announced=True)
+    assert ticks > 50
+    assert wrong == 0

@@ -13,19 +13,15 @@ import pytest
 from hapticnet.codec.registry import every_codec
 from hapticnet.device.simulated import PlantSettings, SimulatedDevice
 from hapticnet.node.master import MasterNode
-from hapticnet.node.settings import MasterSettings, SlaveSettings
-from hapticnet.node.slave import SlaveNode
+from hapticnet.node.settings import MasterSettings
 from hapticnet.operator.scripted import InsertionSettings, ScriptedOperator
 from hapticnet.protocol import messages as ranges
-from hapticnet.protocol.handshake import Door, SealedDoor
-from hapticnet.protocol.keys import Roster
 from hapticnet.protocol.messages import Code
 from hapticnet.protocol.states import MasterState
 from hapticnet.protocol.wire import Kind, pack_body
-from hapticnet.scene.scene import Scene
-from hapticnet.scene.sources import paper_scene
+from tests.conftest import make_slave
 from tests.node.undisturbed import seal_or_pack
-from tests.peers import ENTRY, GRANT, KEY, SLAVE, HandMaster, HandSlave
+from tests.peers import GRANT, KEY, HandMaster, HandSlave
 
 CODECS = every_codec()
 
@@ -37,14 +33,6 @@ EDGES = (
 SEALED_KINDS = (Kind.FORCE, Kind.KEEPALIVE, Kind.CLOSE, Kind.NOTICE)
 NUMBERS_OF_REQUEST = ("weber_fraction", "floor_n", "multiplier", "rate_hz", "axes", "clock_us", "position_share")
 NUMBERS_OF_GRANT = ("session", "rate_hz", "keepalive_us", "position_share")
-
-
-def slave_node():
-    rng = np.random.default_rng(1)
-    scene = paper_scene(1)
-    make_scene = lambda _: Scene(scene.tissues, name=scene.name)  # noqa: E731
-    doors = {1: Door(), 2: SealedDoor(SLAVE.private, Roster([ENTRY]), rng)}
-    return SlaveNode(make_scene, SlaveSettings(), rng, doors=doors)
 
 
 def master_node(sealed=False, **settings):
@@ -77,7 +65,7 @@ NONCES = itertools.count(1)
 
 @pytest.mark.parametrize("field", NUMBERS_OF_REQUEST)
 def test_a_request_is_granted_refused_in_words_or_dropped(field, sealed):
-    slave = slave_node()
+    slave = make_slave(sealed=None)
     kinds = set()
     now_us = 0
     for value in EDGES:
@@ -100,7 +88,7 @@ def test_a_request_is_granted_refused_in_words_or_dropped(field, sealed):
 
 @pytest.mark.parametrize("name", CODECS)
 def test_every_parameter_of_every_codec_is_checked(name):
-    slave = slave_node()
+    slave = make_slave(sealed=None)
     known = [each for each in CODECS[name].__dataclass_fields__ if each != "law"]
     now_us = 0
     for key, value in itertools.product(known, EDGES):
@@ -141,7 +129,7 @@ def bodies(fields, at):
 
 @pytest.mark.parametrize("line", [False, True])
 def test_a_position_moves_the_scene_or_is_counted(line, sealed):
-    slave = slave_node()
+    slave = make_slave(sealed=None)
     master = HandMaster(slave, sealed=sealed, nonce=next(NONCES), position_share=0.25 if line else 0.0).join()
     payload = struct.pack(">fe", 0.01, 0.01) if line else struct.pack(">f", 0.01)
     floats = [struct.pack(">f", value) for value in (5e-324, 1e-45, 1e30, -3e38, math.inf, -math.inf, math.nan, -0.0)]
@@ -195,7 +183,7 @@ def test_a_force_is_applied_within_the_limits_or_counted(codec, sealed):
 
 @pytest.mark.parametrize("element", range(5))
 def test_a_frame_is_read_or_counted(element):
-    slave, master = slave_node(), master_node()
+    slave, master = make_slave(sealed=None), master_node()
     HandSlave(master).connect()
     for value in EDGES:
         frame = [1, 4, GRANT.session, 7, b"\x90"]

@@ -11,7 +11,7 @@ from hapticnet.errors import PeerError
 from hapticnet.protocol.handshake import hello_mac
 from hapticnet.protocol.messages import Close, Hello, pack_hello, unpack_hello, unpack_position
 from hapticnet.protocol.wire import OPEN, SEALED, Kind, pack, pack_body, unpack
-from tests.node.undisturbed import HERE, SESSION, Masters, Slaves, make_master, make_slave
+from tests.node.undisturbed import HERE, SESSION, Masters, Slaves, make_master, slave_of_session
 from tests.peers import GRANT, SLAVE, HandMaster, HandSlave
 from tests.vectors import make_refused
 
@@ -75,7 +75,7 @@ def test_a_master_drops_them_and_nothing_changes(sealed):
 
 def test_requests_are_taken_refused_with_their_code_or_dropped(sealed):
     for nonce, case in enumerate(VECTORS["requests"], start=1):
-        slave = make_slave()
+        slave = slave_of_session()
         master = HandMaster(slave, sealed=sealed, nonce=nonce)
         give(master.attempt, bytes.fromhex(case["hex"]))
         master.hello()

@@ -6,55 +6,40 @@ import numpy as np
 import pytest
 from cryptography.exceptions import InvalidTag
 
-from hapticnet.channel.emulator import Emulator
-from hapticnet.channel.spec import parse_channel
-from hapticnet.node.loopback import Loopback
-from hapticnet.node.master import MasterNode
-from hapticnet.node.settings import MasterSettings, SlaveSettings
-from hapticnet.node.slave import SlaveNode
-from hapticnet.operator.scripted import InsertionSettings, ScriptedOperator
+from hapticnet.node.settings import MasterSettings
 from hapticnet.protocol import master_stream
-from hapticnet.protocol.handshake import SealedDoor
-from hapticnet.protocol.keys import NO_PSK, MasterEntry, MasterKey, PrivateKey, Roster
+from hapticnet.protocol.keys import NO_PSK, MasterEntry, MasterKey, PrivateKey
 from hapticnet.protocol.messages import Code
-from hapticnet.protocol.wire import SEALED, Kind, unpack
-from hapticnet.scene.scene import Scene
-from hapticnet.scene.sources import paper_scene
-from tests.protocol.sealed_peer import CLOSE, COOKIE, FORCE, HELLO, KEEPALIVE, POSITION, WELCOME, Master, Slave
+from hapticnet.protocol.wire import Kind, unpack
+from tests.conftest import make_master, make_slave
+from tests.peers import MASTER, SLAVE
+from tests.protocol.sealed_peer import CLOSE, COOKIE, FORCE, KEEPALIVE, POSITION, WELCOME, Master, Slave
 
-MASTER = PrivateKey(bytes(range(32)))
-SLAVE = PrivateKey(bytes(range(32, 64)))
 PSK = bytes(range(64, 96))
 REQUEST = ["deadband", {}, 0.05, 0.025, 1.0, 1000.0, 1, "test", None, 0, False, 0.0]
 GRANT = [0xDEADBEEF, 1000.0, 45_000, "paper:1", bytes(range(16)), False, False, 0.0]
 DEEP_M = 0.024
+each_psk = pytest.mark.parametrize("psk", [NO_PSK, PSK], ids=["without psk", "with psk"])
 
 
-def make_slave(*, psk=NO_PSK, masters=None, seed=1):
-    scene = paper_scene(1)
-    entries = [MasterEntry(name="theatre 2", public=MASTER.public, psk=psk)] if masters is None else masters
-    rng = np.random.default_rng([seed, 10])
-    return SlaveNode(
-        lambda _: Scene(scene.tissues, name=scene.name),
-        SlaveSettings(record=True),
-        rng,
-        doors={SEALED: SealedDoor(SLAVE.private, Roster(entries), rng)},
-    )
+def slave_with(psk=NO_PSK):
+    return make_slave(sealed=True, masters=[MasterEntry(name="theatre 2", public=MASTER.public, psk=psk)])
 
 
-def make_master(*, psk=NO_PSK, sealed=True, seed=1):
-    key = MasterKey(PrivateKey(MASTER.private, psk), SLAVE.public) if sealed else None
-    operator = ScriptedOperator(InsertionSettings(insertions=1), np.random.default_rng([seed, 11]))
-    return MasterNode(operator, None, MasterSettings(record=True, key=key), np.random.default_rng([seed, 13]))
+def master_with(psk=NO_PSK):
+    key = MasterKey(PrivateKey(MASTER.private, psk), SLAVE.public)
+    return make_master(settings=MasterSettings(record=True, key=key))
 
 
-def loopback(*, forward="perfect", feedback="perfect", psk=NO_PSK):
-    return Loopback(
-        make_master(psk=psk),
-        make_slave(psk=psk),
-        forward=Emulator(parse_channel(forward), np.random.default_rng(14)),
-        feedback=Emulator(parse_channel(feedback), np.random.default_rng(15)),
-    )
+def serve(master, peer, now_us, answer_to=lambda _kind, _fields: None):
+    """Tick a master and pass all datagrams between it and its peer; `answer_to` answers those of the session."""
+    master.drive(now_us)
+    master.tick(now_us)
+    while sent := master.datagrams_to_send():
+        for data in sent:
+            kind, fields, answer = peer.receive(data)
+            if answer := answer or answer_to(kind, fields):
+                master.receive_datagram(answer, now_us)
 
 
 def ask(slave, peer_data, now_us=0, address="a"):
@@ -76,9 +61,9 @@ def position(t_us, position_m, newest=None):
     return [t_us, newest, struct.pack(">f", position_m)]
 
 
-@pytest.mark.parametrize("psk", [NO_PSK, PSK], ids=["without psk", "with psk"])
+@each_psk
 def test_a_master_written_from_the_document_plays_with_this_slave(psk):
-    slave = make_slave(psk=psk)
+    slave = slave_with(psk)
     peer = Master(MASTER.private, SLAVE.public, REQUEST, nonce=7, psk=psk)
     cookie = ask(slave, peer.hello())
     assert peer.receive(cookie)[0] == COOKIE
@@ -99,35 +84,29 @@ def test_a_master_written_from_the_document_plays_with_this_slave(psk):
     assert slave.report()["sessions"][0]["sealed"]
 
 
-@pytest.mark.parametrize("psk", [NO_PSK, PSK], ids=["without psk", "with psk"])
+@each_psk
 def test_a_slave_written_from_the_document_plays_with_this_master(psk):
-    master = make_master(psk=psk)
+    master = master_with(psk)
     peer = Slave(SLAVE.private, SLAVE.public, GRANT, psk=psk)
     heard = []
+
+    def answer_to(kind, fields):
+        heard.append(kind)
+        if kind == CLOSE:
+            assert fields == ("enough", 0)
+            return peer.send(CLOSE, ["as asked", 0])
+        t_us, newest, _ = fields
+        assert newest == (None if t_us <= 10_000 else 1 + (t_us - 1) // 40_000)
+        if t_us == 10_000:
+            return peer.send(FORCE, [t_us, struct.pack(">f", 1.25)])
+        return peer.send(KEEPALIVE, [t_us, 1]) if t_us % 40_000 == 0 else None
+
     for now_us in range(0, 300_000, 1000):
-        master.drive(now_us)
         if now_us == 200_000:
-            master.close("enough", now_us)
-        master.tick(now_us)
-        for data in master.datagrams_to_send():
-            kind, fields, answer = peer.receive(data)
-            heard.append(kind)
-            if kind == POSITION:
-                t_us, newest, _ = fields
-                assert newest == (None if now_us <= 10_000 else 1 + (now_us - 1) // 40_000)
-                if t_us == 10_000:
-                    answer = peer.send(FORCE, [t_us, struct.pack(">f", 1.25)])
-                elif t_us % 40_000 == 0:
-                    answer = peer.send(KEEPALIVE, [t_us, 1])
-            elif kind == CLOSE:
-                assert fields == ("enough", 0)
-                answer = peer.send(CLOSE, ["as asked", 0])
-            if answer is not None:
-                master.receive_datagram(answer, now_us)
-        if now_us == 190_000:
             assert master.held_force_n(now_us)[0] == pytest.approx(1.25)
-    assert heard[:2] == [HELLO, HELLO]
-    assert set(heard) == {HELLO, POSITION, CLOSE}
+            master.close("enough", now_us)
+        serve(master, peer, now_us, answer_to)
+    assert set(heard) == {POSITION, CLOSE}
     assert peer.master_public == MASTER.public
     assert peer.request[0] == "deadband"
     assert master.end_reason == "enough"
@@ -135,7 +114,7 @@ def test_a_slave_written_from_the_document_plays_with_this_master(psk):
 
 
 def test_an_unknown_key_is_refused_in_words_that_only_its_holder_can_read():
-    slave = make_slave(masters=[])
+    slave = make_slave(sealed=True, masters=[])
     peer = Master(MASTER.private, SLAVE.public, REQUEST, nonce=7)
     peer.receive(ask(slave, peer.hello()))
     data = ask(slave, peer.hello())
@@ -145,62 +124,41 @@ def test_an_unknown_key_is_refused_in_words_that_only_its_holder_can_read():
     assert "does not know the master's key" in reason
 
 
-@pytest.mark.parametrize("psk", [NO_PSK, PSK], ids=["without psk", "with psk"])
+@each_psk
 def test_this_master_ends_after_a_sealed_refusal_with_its_reason(psk):
     """A slave that does not know the key has no psk for it."""
-    master = make_master(psk=psk)
+    master = master_with(psk)
     peer = Slave(SLAVE.private, SLAVE.public, [0, "not today", 7])
-    for now_us in (0, 1000, 2000):
-        master.tick(now_us)
-        for data in master.datagrams_to_send():
-            master.receive_datagram(peer.receive(data)[2], now_us)
-            for again in master.datagrams_to_send():
-                master.receive_datagram(peer.receive(again)[2], now_us)
+    serve(master, peer, 0)
     assert master.refused
     assert master.end_reason == "not today"
 
 
 def test_no_grant_opens_without_the_psk():
-    master = make_master(psk=PSK)
+    master = master_with(PSK)
     peer = Slave(SLAVE.private, SLAVE.public, GRANT)
     for now_us in range(0, 1_000_000, 1000):
-        master.tick(now_us)
-        for data in master.datagrams_to_send():
-            answer = peer.receive(data)[2]
-            if answer is not None:
-                master.receive_datagram(answer, now_us)
+        serve(master, peer, now_us)
     assert not master.connected
     assert master.report()["received"]["malformed"] > 0
 
 
 def test_a_forged_sequence_in_a_welcome_makes_no_true_datagram_late():
     """Nothing authenticates the frame of a WELCOME; whoever copies one can send it first, with another sequence."""
-    master = make_master()
+    master = master_with()
     peer = Slave(SLAVE.private, SLAVE.public, GRANT, sequence=0x7FFF_FFFF)
     for now_us in range(0, 100_000, 1000):
-        master.tick(now_us)
-        master.drive(now_us)
-        for data in master.datagrams_to_send():
-            kind, fields, answer = peer.receive(data)
-            if kind == POSITION:
-                sequence = 1 + now_us // 1000
-                answer = peer.send(FORCE, [fields[0], struct.pack(">f", 1.25)], sequence=sequence)
-            if answer is not None:
-                master.receive_datagram(answer, now_us)
-                for hello in master.datagrams_to_send():
-                    master.receive_datagram(peer.receive(hello)[2], now_us)
+        force = struct.pack(">f", 1.25)
+        serve(
+            master, peer, now_us, lambda _, fields: peer.send(FORCE, [fields[0], force], sequence=1 + fields[0] // 1000)
+        )
     received = master.report()["received"]
     assert received["late"] == received["malformed"] == 0
     assert master.held_force_n(100_000)[0] == pytest.approx(1.25)
 
 
-def test_a_sealed_session_feels_as_an_open_one_and_costs_16_bytes_a_datagram():
-    sealed, plain = loopback(), loopback()
-    plain.master = make_master(sealed=False)
-    scene = paper_scene(1)
-    plain.slave = SlaveNode(
-        lambda _: Scene(scene.tissues, name=scene.name), SlaveSettings(record=True), np.random.default_rng([1, 10])
-    )
+def test_a_sealed_session_feels_as_an_open_one_and_costs_16_bytes_a_datagram(loopback):
+    sealed, plain = loopback(sealed=True), loopback()
     for each in (sealed, plain):
         each.run(2_000_000)
         each.close()
@@ -219,9 +177,9 @@ def test_a_sealed_session_feels_as_an_open_one_and_costs_16_bytes_a_datagram():
 
 
 @pytest.mark.plain
-def test_a_session_whose_numbers_run_out_continues_in_a_new_one(monkeypatch):
+def test_a_session_whose_numbers_run_out_continues_in_a_new_one(loopback, monkeypatch):
     monkeypatch.setattr(master_stream, "LAST_SEQUENCE", master_stream.RECENT + 300)
-    pair = loopback()
+    pair = loopback(sealed=True)
     pair.run(200_000)
     (before,) = pair.slave.contexts
     pair.run(300_000)
@@ -231,27 +189,28 @@ def test_a_session_whose_numbers_run_out_continues_in_a_new_one(monkeypatch):
     assert pair.master.report()["connections"] == 2
 
 
-def test_what_an_outsider_sends_ends_nothing():
+def test_what_an_outsider_sends_ends_nothing(loopback):
     """Every datagram of one session, changed in one bit, sent into the session while it runs."""
-    pair = loopback()
+    pair = loopback(sealed=True)
     pair.run(100_000)
     (context,) = pair.slave.contexts
     steps = context.steps
     rng = np.random.default_rng(3)
+
+    def changed(data):
+        at = rng.integers(len(data))
+        return data[:at] + bytes([data[at] ^ 1 << int(rng.integers(8))]) + data[at + 1 :]
+
     for now_us in range(100_000, 150_000, 1000):
         pair.master.tick(now_us)
         pair.master.drive(now_us)
         for data in pair.master.datagrams_to_send():
-            changed = bytearray(data)
-            changed[rng.integers(len(data))] ^= 1 << int(rng.integers(8))
-            pair.slave.receive_datagram(bytes(changed), "outsider", now_us)
+            pair.slave.receive_datagram(changed(data), "outsider", now_us)
             assert context.address != "outsider"
             pair.slave.receive_datagram(data, "loopback", now_us)
         for answer, address in pair.slave.datagrams_to_send():
             if address == "loopback":
-                changed = bytearray(answer)
-                changed[rng.integers(len(answer))] ^= 1 << int(rng.integers(8))
-                pair.master.receive_datagram(bytes(changed), now_us)
+                pair.master.receive_datagram(changed(answer), now_us)
                 pair.master.receive_datagram(answer, now_us)
     assert pair.slave.contexts == (context,)
     assert pair.master.session.streaming
@@ -259,7 +218,7 @@ def test_what_an_outsider_sends_ends_nothing():
 
 
 def test_the_keys_of_another_session_open_nothing():
-    slave = make_slave()
+    slave = slave_with()
     one, other = join(slave, nonce=7), join(slave, nonce=8, address="b")
     assert one.session != other.session
     data = ask(slave, one.send(POSITION, position(1000, DEEP_M)), 1000)

@@ -11,7 +11,7 @@ from hapticnet.node.settings import MasterSettings
 from hapticnet.operator.base import UserOperator
 from hapticnet.protocol.messages import unpack_position
 from hapticnet.scene.settings import Tissue
-from tests.node.undisturbed import HERE, SESSION, make_slave
+from tests.node.undisturbed import HERE, SESSION, slave_of_session
 from tests.peers import GRANT, HandMaster, HandSlave
 from tests.vectors import make_traces
 
@@ -48,7 +48,7 @@ def test_a_master_follows_a_golden_trace(trace):
 
 def test_a_slave_follows_a_golden_trace():
     spring = Tissue(name="spring", rest_position_m=0.02, stiffness_n_per_m=300.0, breach_force_n=1e6)
-    slave = make_slave((spring,))
+    slave = slave_of_session((spring,))
     HandMaster(slave, HERE).join()
     for entry in VECTORS["slave"]:
         slave.receive_datagram(bytes.fromhex(entry["arrives"]), HERE, entry["now_us"])

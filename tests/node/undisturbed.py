@@ -6,16 +6,14 @@ import numpy as np
 
 from hapticnet.node.admission import SMALLEST_SESSION
 from hapticnet.node.master import MasterNode
-from hapticnet.node.settings import MasterSettings, SlaveSettings
-from hapticnet.node.slave import SlaveNode
+from hapticnet.node.settings import MasterSettings
 from hapticnet.operator.scripted import InsertionSettings, ScriptedOperator
-from hapticnet.protocol.handshake import Door, SealedDoor
-from hapticnet.protocol.keys import Roster
 from hapticnet.protocol.messages import Force, Keepalive
 from hapticnet.protocol.wire import Kind, pack, pack_body
 from hapticnet.scene.scene import Scene
 from hapticnet.scene.sources import paper_scene
-from tests.peers import ENTRY, GRANT, KEY, SLAVE, HandMaster, HandSlave
+from tests.conftest import make_slave
+from tests.peers import GRANT, KEY, HandMaster, HandSlave
 
 SESSION = 0xDEADBEEF
 HERE = ("10.0.0.1", 1)
@@ -40,11 +38,10 @@ class Fixed:
         return SESSION if low == SMALLEST_SESSION else self._rng.integers(low, high)
 
 
-def make_slave(scene=None):
-    rng = Fixed(1)
-    doors = {1: Door(), 2: SealedDoor(SLAVE.private, Roster([ENTRY]), rng)}
-    tissues = scene or paper_scene(1).tissues
-    return SlaveNode(lambda _: Scene(tissues), SlaveSettings(), rng, doors=doors)
+def slave_of_session(tissues=None):
+    """Return a slave whose session has the number SESSION."""
+    scene = tissues or paper_scene(1).tissues
+    return make_slave(make_scene=lambda _: Scene(scene), sealed=None, rng=Fixed(1), record=False)
 
 
 class Slaves:
@@ -53,7 +50,7 @@ class Slaves:
     def __init__(self, *, sealed=False, line=False):
         self.now_us, self.sequence, self.line = 1000, 0, line
         self.said = []
-        self.slaves = [make_slave() for _ in range(2)]
+        self.slaves = [slave_of_session() for _ in range(2)]
         share = 0.25 if line else 0.0
         self.masters = [HandMaster(each, HERE, sealed=sealed, position_share=share).join() for each in self.slaves]
         for _ in range(5):
