@@ -147,11 +147,12 @@ def test_a_forged_sequence_in_a_welcome_makes_no_true_datagram_late():
     """Nothing authenticates the frame of a WELCOME; whoever copies one can send it first, with another sequence."""
     master = master_with()
     peer = Slave(SLAVE.private, SLAVE.public, GRANT, sequence=0x7FFF_FFFF)
+
+    def answer_to(_, fields):
+        return peer.send(FORCE, [fields[0], struct.pack(">f", 1.25)], sequence=1 + fields[0] // 1000)
+
     for now_us in range(0, 100_000, 1000):
-        force = struct.pack(">f", 1.25)
-        serve(
-            master, peer, now_us, lambda _, fields: peer.send(FORCE, [fields[0], force], sequence=1 + fields[0] // 1000)
-        )
+        serve(master, peer, now_us, answer_to)
     received = master.report()["received"]
     assert received["late"] == received["malformed"] == 0
     assert master.held_force_n(100_000)[0] == pytest.approx(1.25)
