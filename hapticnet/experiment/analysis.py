@@ -26,10 +26,8 @@ class Condition:
     name: str
     codec: str
     multiplier: float  # threshold in JNDs
-    paper_correct: float
-    """Fraction of trials in which the paper's subjects put the tissues in the right order of stiffness."""
-    paper_byte_reduction: float | None = None
-    """By how much the paper's bytes per penetration fell; None where it gives no figure."""
+    paper_correct: float  # share of trials in which the paper's subjects ordered the tissues by stiffness
+    paper_byte_reduction: float | None = None  # of the paper's bytes per penetration; None: it gives no figure
 
     @property
     def slug(self) -> str:
@@ -57,8 +55,7 @@ class BytesPerPenetration:
     """Feedback bytes from touching a tissue to breaching it, including keepalives and UDP and IPv4 headers."""
 
     each: tuple[int, ...]  # bytes of each penetration, in order of time
-    depths_m: tuple[float, ...]
-    """Positions of the tip at the breaches [m], in the same order; on the first axis if there are several."""
+    depths_m: tuple[float, ...]  # positions of the tip at the breaches [m], in the same order, on the first axis
 
     @property
     def mean(self) -> float:

@@ -27,14 +27,9 @@ from hapticnet.node.offline import CostReport, cost_report
 from hapticnet.perception import WeberLaw
 
 TIMED_SAMPLES: Final = 10_000
-TIMED_PASSES: Final = 3
-"""How many samples are timed in a stream, and how often. The fastest pass counts: the others were disturbed."""
-
-REPAIR_US: Final = 20_000
-"""Time [µs] after which a lost update is replaced by the present force: about one round trip across a city."""
-
-DELAY_US: Final = 25_000
-"""Delay of each way [µs] at which the felt force is compared with the true one: a link across a continent."""
+TIMED_PASSES: Final = 3  # passes over them, of which the fastest counts: the others were disturbed
+REPAIR_US: Final = 20_000  # time [µs] after which a lost update is replaced: a round trip across a city
+DELAY_US: Final = 25_000  # delay of each way [µs] for the felt force: a link across a continent
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -53,8 +48,7 @@ class Row:
     codec: str
     label: str  # the codec with the parameters that differ from their defaults, as on a command line
     parameters: dict[str, float]
-    at_rest: bool
-    """Whether the codec depends on motion but no positions were given: it behaves as if the tool were at rest."""
+    at_rest: bool  # as if the tool were at rest: the codec needs positions, and none were given
     weber_fraction: float
     floor_n: float
     multiplier: float  # the codec's law; see `perception.WeberLaw`
@@ -62,11 +56,8 @@ class Row:
     delay_us: int  # delay of each way [µs] for `felt`
     cost: CostReport
     quality: QualityReport
-    felt: ErrorReport
-    """Errors of the force that is applied at each tick against the true force of that tick, over such a link."""
-    felt_created_share: float | None
-    """Energy that this force creates, as a share of the work of the hand against the true force; see
-    `measure.energy`. None without positions."""
+    felt: ErrorReport  # errors of the force applied at each tick against the true one, over such a link
+    felt_created_share: float | None  # share of energy it creates (`measure.energy`); None without positions
     limits: Limits
     over_optimum: float  # packets sent over the fewest that any zero-order hold needs
     packets_per_s: float

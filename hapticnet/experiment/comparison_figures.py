@@ -26,8 +26,7 @@ SWEPT: Final = {  # settings that can vary along a line, and what they are calle
 
 MOST_TICKS: Final = 8
 OPTIMA: Final = {HOLD_OPTIMUM: (0, (4, 2)), LINE_OPTIMUM: (0, (1, 1.5))}
-OPTIMUM_MARKERS: Final = {HOLD_OPTIMUM: "+", LINE_OPTIMUM: "x"}
-"""Markers, so that an optimum can be seen where there is one threshold only."""
+OPTIMUM_MARKERS: Final = {HOLD_OPTIMUM: "+", LINE_OPTIMUM: "x"}  # visible at a single threshold
 
 
 class Figures:

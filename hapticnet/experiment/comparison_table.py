@@ -22,9 +22,7 @@ from hapticnet.experiment.table import (
 )
 from hapticnet.experiment.trials import Trial
 
-LONGEST_LABEL: Final = 22
-"""Characters of a codec with its parameters on one line of a terminal: enough for every codec's name."""
-
+LONGEST_LABEL: Final = 22  # characters of a codec on one line of a terminal: enough for every codec's name
 NOTE_WIDTH: Final = 120
 
 

@@ -39,8 +39,7 @@ FROM_MASTER: Final = ("tracking_rmse_n", "round_trip", "lateness", "ticks", "mis
 """Figures of a condition that the processes report themselves."""
 
 TISSUE_LOOKS: Final = (("o", VERMILION), ("s", GREEN), ("^", PURPLE), ("D", ORANGE))
-Progress = Callable[[Condition, float], None]
-"""Called with the condition being played and how long it has been playing [s]."""
+Progress = Callable[[Condition, float], None]  # with the condition being played and for how long [s]
 
 
 @dataclass(frozen=True, slots=True)

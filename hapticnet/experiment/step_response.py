@@ -17,20 +17,16 @@ RISE_FROM: Final = 0.1
 RISE_TO: Final = 0.9  # fractions of the step between which the rise time is measured: the 10–90 % convention
 SETTLED_WITHIN: Final = 0.05  # fraction of the step within which the response counts as settled: the 5 % convention
 LEAD_IN_S: Final = 0.25  # how much is drawn before the step [s]
-STEADY_FRACTION: Final = 0.25
-"""Final share of the recording after the step that counts as steady. There is no convention for it."""
+STEADY_FRACTION: Final = 0.25  # last share of the step that counts as steady; there is no convention
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class StepFigures:
     """Figures of a step response. The reference is the target, so that a steady error makes them worse."""
 
-    rise_s: float | None
-    """Time [s] from the first crossing of 10 % of the step to that of 90 %; None if 90 % is not reached."""
+    rise_s: float | None  # time [s] from crossing 10 % of the step to crossing 90 %; None if it is not reached
     overshoot: float  # largest excess over the target, as a fraction of the step; 0 if there is none
-    settling_s: float | None
-    """Time [s] from the step until the force stays within 5 % of the step around the target; None if it is outside at
-    the end of the recording."""
+    settling_s: float | None  # time [s] until it stays within 5 % of the step around the target; None if never
     steady_error_n: float  # mean force less target [N] over the last quarter of the recording after the step
     ripple_peak_to_peak_n: float
     ripple_rms_n: float  # range (largest less smallest) and standard deviation of the force [N] in that quarter

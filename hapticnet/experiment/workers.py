@@ -25,8 +25,7 @@ MOST_JOBS: Final = 256
 PARENT_CHECK_S: Final = 0.5
 IN_HAND: Final = 2  # items that a worker has: the one it computes, and the next, so that it never waits
 Function: TypeAlias = Callable[[Any, Any], Any]  # called with what all calls share, and an item
-OrderedMap: TypeAlias = Callable[[Function, Iterable[Any]], Iterator[Any]]
-"""Called with a function and items; returns `function(shared, item)` for each item, in the order of the items."""
+OrderedMap: TypeAlias = Callable[[Function, Iterable[Any]], Iterator[Any]]  # the same over items, in their order
 
 
 class Outcome(NamedTuple):

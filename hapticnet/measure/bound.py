@@ -23,9 +23,7 @@ from hapticnet.measure.metrics import norms
 from hapticnet.perception import WeberLaw
 
 COMPILE_HOLDS_ABOVE = 5_000_000
-COMPILE_LINES_ABOVE = 500_000
-"""Number of intervals above which loading numba (about 0.6 s) pays, if the ``fast`` extra is installed."""
-
+COMPILE_LINES_ABOVE = 500_000  # intervals above which loading numba (about 0.6 s, extra ``fast``) pays
 WIDER: Final = 1.0 + 2.0**-51
 """Factor by which a threshold is widened, so that it admits everything that a codec's rounded arithmetic admits.
 
@@ -33,9 +31,7 @@ With u = 2⁻⁵³, a rounded ``|x − r| ≤ max(κ·|r|, φ)`` implies ``|x �
 is a denormal number), which is less than a threshold 1 + 4u times as large.
 """
 
-ROUNDINGS: Final = 2.0**-48
-"""Bound of the relative error of a norm in up to three axes and of values computed from it: about ten roundings."""
-
+ROUNDINGS: Final = 2.0**-48  # bound of the relative error of a norm and what is computed from it: ten roundings
 UNSEEN_N: Final = 1e-150  # differences [N] in one of several axes whose squares may be rounded to zero in a norm
 
 

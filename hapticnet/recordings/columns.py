@@ -11,7 +11,7 @@ import numpy as np
 from hapticnet.arrays import FloatArray
 from hapticnet.errors import FileError, SettingsError
 
-FORCE_UNITS: Final = {
+FORCE_UNITS: Final = {  # newtons; gram-force, kilogram-force and pound-force as in NIST SP 811, appendix B
     "N": 1.0,
     "mN": 1e-3,
     "uN": 1e-6,
@@ -21,14 +21,8 @@ FORCE_UNITS: Final = {
     "kgf": 9.80665,
     "lbf": 4.4482216152605,
 }
-"""Newtons in a unit of force. Gram-force, kilogram-force and pound-force as in NIST SP 811, appendix B."""
-
-LENGTH_UNITS: Final = {"m": 1.0, "mm": 1e-3, "cm": 1e-2, "um": 1e-6, "µm": 1e-6, "nm": 1e-9, "in": 0.0254}
-"""Metres in a unit of length."""
-
-TIME_UNITS: Final = {"s": 1e6, "sec": 1e6, "seconds": 1e6, "ms": 1e3, "us": 1.0, "µs": 1.0, "ns": 1e-3}
-"""Microseconds in a unit of time."""
-
+LENGTH_UNITS: Final = {"m": 1.0, "mm": 1e-3, "cm": 1e-2, "um": 1e-6, "µm": 1e-6, "nm": 1e-9, "in": 0.0254}  # metres
+TIME_UNITS: Final = {"s": 1e6, "sec": 1e6, "seconds": 1e6, "ms": 1e3, "us": 1.0, "µs": 1.0, "ns": 1e-3}  # µs
 OTHER_UNITS: Final = ("rad", "deg", "°", "V", "mV", "Nm", "mNm", "counts", "adc", "raw", "Pa", "kPa", "bar", "g")
 """Units of other quantities, which are named in a note when a force or position column carries one."""
 

@@ -32,9 +32,7 @@ from hapticnet.runtime.udp import RECEIVE_BUFFER_BYTES
 SCHEMA: Final = 2  # version of the JSON report. It grows when a key or a verdict changes its meaning or goes away
 MOST_BYTES: Final = 256 * 1024  # of a file that is read
 ENOUGH_CPUS: Final = 1.0
-FEWEST_CPUS: Final = 0.25
-"""CPUs that a control group must grant. A master takes 0.07 on average and three times that while it starts."""
-
+FEWEST_CPUS: Final = 0.25  # of a control group: a master takes 0.07, and three times that while it starts
 GRABBERS: Final = {  # programs that take serial ports, what they do, and what stops them
     "brltty": ("It takes USB adapters for Braille displays, and their ports disappear.", "sudo apt-get remove brltty"),
     "ModemManager": (
@@ -51,11 +49,8 @@ On two shared cores (bench/measure/real_time.py), ticks at 1 kHz are 50 µs late
 busy thread makes that 1.5 ms. A round trip takes 0.1 to 0.2 ms, 0.4 ms at the 99th percentile.
 """
 
-ROUND_TRIP_US: Final = 1000.0, 5000.0
-"""The same of the round trip: the force is there before the next position, and five ticks."""
-
-MISSED: Final = LARGEST_MISSED_SHARE, 0.05
-"""Share of missed ticks: what a master warns of, and where the operator's motion has gaps all the time."""
+ROUND_TRIP_US: Final = 1000.0, 5000.0  # the same of the round trip: before the next position, and five ticks
+MISSED: Final = LARGEST_MISSED_SHARE, 0.05  # what a master warns of, and where the motion has gaps all the time
 
 
 class Verdict(StrEnum):

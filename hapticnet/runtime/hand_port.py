@@ -13,9 +13,7 @@ from hapticnet.runtime.udp import READ_BYTES
 from hapticnet.runtime.watching import Watcher
 
 PERIOD_S: Final = 0.001
-MOST_IN_A_PERIOD: Final = 8
-"""Most datagrams read in a period, so that a flood delays no tick: reading one takes some 8 µs."""
-
+MOST_IN_A_PERIOD: Final = 8  # datagrams, 8 µs each, so that a flood delays no tick
 BUFFER_BYTES: Final = 16 * 1024  # receive buffer [B] for some 40 positions: even in a flood, they are milliseconds old
 
 

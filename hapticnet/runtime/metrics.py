@@ -21,9 +21,7 @@ from hapticnet.runtime.processes import SideProcess
 from hapticnet.runtime.udp import HostPort, bound_address, listen_for_streams
 from hapticnet.runtime.watching import Watcher
 
-DROPPED: Final = ("late", "duplicate", "malformed", "stray", "too_old", "over_rate")
-"""Why datagrams that arrived are not used: the fields of `Traffic` of these names."""
-
+DROPPED: Final = ("late", "duplicate", "malformed", "stray", "too_old", "over_rate")  # fields of `Traffic`
 END_WITHIN_S: Final = 1.0
 Values: TypeAlias = dict[str, float | dict[str, float]]
 

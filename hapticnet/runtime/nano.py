@@ -125,16 +125,11 @@ SLICE_US: Final = (
     1_000  # interval [µs] at which the converter's voltage follows the plant; the firmware averages as long
 )
 
-LONGEST_GAP_US: Final = 2_000_000
-"""Longest gap [µs] that is simulated; by then the firmware has retracted and the servos rest."""
-
+LONGEST_GAP_US: Final = 2_000_000  # longest gap [µs] simulated: the firmware has retracted, servos rest
 SHORTEST_PULSE_US: Final = 500.0
-LONGEST_PULSE_US: Final = 2_500.0
-"""Limits [µs] of a pulse that a servo accepts; a shorter one may come from a reset. Typical of hobby servos."""
-
+LONGEST_PULSE_US: Final = 2_500.0  # limits [µs] of a hobby servo's pulses; a reset may cut one short
 SUPPLY_MV: Final = 5_000.0  # full scale of the converter [mV], whose reference is the supply
-SensorHook: TypeAlias = Callable[[float, int], float]
-"""Converter input [counts] as a function of the sensor's output [counts] and the time [µs]; models faults."""
+SensorHook: TypeAlias = Callable[[float, int], float]  # a fault: input [counts] from true output [counts], time [µs]
 
 
 class Board:

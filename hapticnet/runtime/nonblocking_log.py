@@ -84,9 +84,7 @@ def is_journal(environment: Mapping[str, str], descriptor: int) -> bool:
 
 
 LINES_PER_S: Final = 20.0
-MOST_AT_ONCE: Final = 100
-"""Limits of the lines of a process; further ones are left out. A hundred masters may join together."""
-
+MOST_AT_ONCE: Final = 100  # limits of the lines of a process: a hundred masters may join together
 MOST_WAITING: Final = 1000  # most lines that wait for the reader; further ones are left out
 SUMMARY_EVERY_S: Final = 1.0  # time [s] between two lines that tell how many were left out
 PARTING_S: Final = 0.5  # time [s] that a process waits at its end for the reader of its last lines

@@ -30,9 +30,7 @@ NANO_VENDORS: Final = {  # USB vendor ids of Nanos and their adapters, from the 
     0x2A03: "made by Arduino",
 }
 
-START_WITHIN_S: Final = 5.0
-"""Time for a device to give readings [s]: three until it counts as silent, and to open the port."""
-
+START_WITHIN_S: Final = 5.0  # time for a device to give readings: 3 s until it counts as silent, and opening
 RETRY_S: Final = 0.25
 WAIT_STEP_S: Final = 0.005
 READ_BYTES: Final = 4096  # about 80 ms of a full line at 500 kbaud

@@ -96,8 +96,7 @@ RECEIVE_BUFFER_BYTES: Final = 1 << 22
 tests whether the system allows that much."""
 
 SEND_BUFFER_BYTES: Final = 1 << 20
-SAMPLE_EVERY: Final = 16
-"""The age of the oldest datagram is looked up once in so many drains, and in each after one of more datagrams."""
+SAMPLE_EVERY: Final = 16  # drains from one look at the oldest datagram's age to the next, unless one was longer
 
 
 @dataclass(frozen=True, slots=True)

@@ -114,8 +114,7 @@ class Watchers(Generic[Event]):
             self._tell(f"{watcher.name} failed and is switched off: {in_words(error)}")
 
 
-EXTENSION_US: Final = 10_000_000
-"""Time [µs] that systemd is asked, again and again, to wait while a slave waits for its masters."""
+EXTENSION_US: Final = 10_000_000  # time [µs] that systemd waits, again and again, while masters finish
 
 
 class Notifier(Watcher[Event], Generic[Event]):

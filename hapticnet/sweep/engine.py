@@ -12,12 +12,8 @@ from hapticnet.sweep.pools import AnyPool
 from hapticnet.sweep.runs import Cutter, Plan, Shard, rows_of
 from hapticnet.sweep.store import Computed, Store, shard_bytes
 
-SHARD_S: Final = 3.0
-"""Duration of a shard [s]: long compared with the cost of sending and storing one, and short to wait for."""
-
-SHORTEST_S: Final = 0.3
-"""Duration of the last shards [s], which are short so that all workers end at about the same time."""
-
+SHARD_S: Final = 3.0  # duration of a shard [s]: long beside the cost of storing it, and short to wait for
+SHORTEST_S: Final = 0.3  # duration of the last shards [s], so that all workers end at about the same time
 FIRST_RUNS: Final = 2  # runs in a shard before it is known how long a run takes
 GROWTH: Final = 8  # most times by which shards grow from one to the next: the first ones include the start of a worker
 WINDOW: Final = 8
@@ -25,9 +21,7 @@ POLL_S: Final = 0.25
 ATTEMPTS: Final = 3  # how often a shard is tried whose worker ends
 HOPELESS: Final = 5  # if so many shards cannot be computed, and none could, the sweep ends
 PLACES: Final = 5
-RUNS_EACH: Final = 4
-"""An estimate times runs at so many places of the study, so many in a row, since neighbours share work."""
-
+RUNS_EACH: Final = 4  # runs in a row, at each of `PLACES`, that an estimate times: neighbours share work
 LONGEST_S: Final = 20.0  # time [s] after which an estimate tries no further place
 
 

@@ -19,8 +19,7 @@ Columns: TypeAlias = dict[str, Kind]  # names and types of the columns of a tabl
 Row: TypeAlias = dict[str, Any]  # one run: a value, or None, for each column
 RUN_COLUMNS: Final[Columns] = {"run": "int", "repeat": "int"}
 ERROR_COLUMNS: Final[Columns] = {"error": "text"}
-FOR_REPEAT: Final = 1
-"""Second part of the spawn key of what all combinations of a repeat share, such as the motion of the hand."""
+FOR_REPEAT: Final = 1  # spawn key of what a repeat's combinations share, such as the motion of the hand
 
 
 @dataclass(frozen=True, slots=True)

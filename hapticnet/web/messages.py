@@ -215,15 +215,11 @@ class Noise(NamedTuple):
 
 PageMessage: TypeAlias = Hand | Order | Change | Key | Noise
 
-LIMITS: Final[dict[str, tuple[float, float]]] = {
+LIMITS: Final[dict[str, tuple[float, float]]] = {  # of the settings that a page may change
     "multiplier": (0.0, 8.0),
-    "delay_ms": (0.0, 250.0),
+    "delay_ms": (0.0, 250.0),  # each way: well below the largest age of a force, 1 s
     "loss_percent": (0.0, 50.0),
 }
-"""Ranges of the settings that a page may change.
-
-The delay applies in each direction, so that the largest one stays well below the largest age of a force, 1 s.
-"""
 
 
 def parse_binary(data: bytes) -> Hand:

@@ -103,9 +103,7 @@ class CsvWriter:
 
 
 Writer = McapWriter | CsvWriter
-FORMATS: Final[dict[str, Callable[[Heading], Writer]]] = {".mcap": McapWriter, ".csv": CsvWriter}
-"""Formats in which sessions are recorded, by the suffix of the file."""
-
+FORMATS: Final[dict[str, Callable[[Heading], Writer]]] = {".mcap": McapWriter, ".csv": CsvWriter}  # by suffix
 FILES: Final = {".mcap": 1, ".csv": 4}  # files of a recording by its suffix
 
 

@@ -25,12 +25,8 @@ _IN_CHUNKS: Final = {_SCHEMA_CODE: 14, _CHANNEL_CODE: 16, _MESSAGE_CODE: _MESSAG
 """Records that may be in a chunk, and the bytes that each has at least. What else is there is damage."""
 
 LARGEST_RECORD: Final = 2**30  # larger records are taken for damage
-LARGEST_CHUNK: Final = 2**28
-"""Chunks that unpack to more are taken for damage. Writers end a chunk after a few MiB at most."""
-
-MOST_MESSAGES: Final = 10_000
-"""Messages that are passed on together: each takes many times its size while it is an object."""
-
+LARGEST_CHUNK: Final = 2**28  # larger unpacked chunks are taken for damage: writers end one after a few MiB
+MOST_MESSAGES: Final = 10_000  # passed on together: each takes many times its size while it is an object
 LARGEST_DESCRIPTION: Final = 2**20  # larger descriptions of a topic are taken for damage: schemas and channels
 LARGEST_DESCRIPTIONS: Final = 64 * 2**20  # limit of all channels together [B]
 RECOVERED: Final = "hapticnet.recovered"  # metadata of a file that an earlier `hapticnet recover` wrote

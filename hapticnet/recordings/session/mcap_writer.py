@@ -15,14 +15,12 @@ MESSAGE_BYTES: Final = 47  # what a message adds to its fields at most: 31 B in 
 CHUNK_OVERHEAD_BYTES: Final = 400  # what a chunk adds at most, with its index of three channels in the summary
 FIXED_BYTES: Final = 8192  # room for schemas, channels, statistics and metadata, which are written twice or at the end
 
-DISTURBANCES: Final = frozenset(
+DISTURBANCES: Final = frozenset(  # events that are logged as warnings: the run goes on or ends safely
     (
         "LinkStale", "SessionLost", "Refused", "ChangeRefused", "Hinted", "Noticed", "DeviceLost", "Paused", "Failed",
         "ForceFault", "FingerNotMet", "StepsTooSlow", "ScenePaused",
     )
 )  # fmt: skip
-"""Events that are logged as warnings: something does not work as it should, and the run goes on or ends safely."""
-
 ABOUT: Final = "hapticnet"
 REPORT: Final = "hapticnet.report"
 NEEDS_MCAP: Final = ".mcap files need the package mcap (extra record): pip install mcap"

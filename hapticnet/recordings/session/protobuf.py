@@ -14,9 +14,7 @@ from hapticnet.arrays import FloatArray
 from hapticnet.recordings.session.session import as_type
 
 PACKAGE: Final = "hapticnet"
-TYPES: Final = {"f8": (1, 1), "i8": (16, 1), "i4": (15, 5)}
-"""NumPy's name of a type: number in ``FieldDescriptorProto.Type`` (double, sfixed64, sfixed32), and wire type."""
-
+TYPES: Final = {"f8": (1, 1), "i8": (16, 1), "i4": (15, 5)}  # number in ``FieldDescriptorProto.Type``, and wire type
 LOG: Final = "foxglove.Log"  # the message that Foxglove shows in its panel of logs
 LEVELS: Final = ("UNKNOWN", "DEBUG", "INFO", "WARNING", "ERROR", "FATAL")
 _INT64, _INT32, _FIXED32, _STRING, _MESSAGE, _ENUM = 3, 5, 7, 9, 11, 14

@@ -16,8 +16,7 @@ from hapticnet.recordings.session.mcap_reader import read_mcap
 from hapticnet.recordings.session.sink import UNFINISHED, beside, named
 
 _BLOCK: Final = 1 << 16
-MOST_PER_BYTE: Final = 100
-"""What is recovered may unpack to so many times the size of its file, or to `MAX_BYTES` if that is more."""
+MOST_PER_BYTE: Final = 100  # times the size of its file that a recovered one may unpack to, or `MAX_BYTES`
 
 
 @dataclass(frozen=True, slots=True)

@@ -16,12 +16,8 @@ from hapticnet.errors import FileError
 SessionTable: TypeAlias = Mapping[str, npt.NDArray[Any]]  # columns of float64, int64 or int32 by name, shape (n,) each
 REPORT: Final = "report"  # fact that a node adds when its session ends
 INCOMPLETE: Final = "incomplete"  # fact in a recording from which something is missing: why
-LARGEST_JSON: Final = 32 * 2**20
-"""Longest text of events or facts that is read [characters]. Its values take up to 30 times as much memory."""
-
-MOST_VALUES: Final = 3_000_000
-"""Most commas and opening brackets in such a text: each value takes 100 bytes and more, however short it is."""
-
+LARGEST_JSON: Final = 32 * 2**20  # longest text that is read [characters]; values take 30 times the memory
+MOST_VALUES: Final = 3_000_000  # most commas and opening brackets in it: each value takes 100 bytes and more
 MOST_EVENTS: Final = 300_000  # most events that are read: 12 hours at 7 a second
 IN_FORCE: Final = "SettingsInForce"  # name of the events that state what is in force from their time on (`node.events`)
 _SURROGATE: Final = re.compile(r"[\ud800-\udfff]|\\u[dD][89a-fA-F]")
