@@ -1,7 +1,6 @@
 """Bounded reading of regular files only, and writing that neither follows links nor leaves half a file.
 
-A folder may come from a stranger. So a file whose name the program chooses is opened without following links: a link in
-its place could lead to any file of the user.
+A folder may come from a stranger: a link in it could lead to any file of the user, so names of ours are not followed.
 """
 
 import errno

@@ -1,7 +1,4 @@
-"""Options of slave, master and the other verbs, each declared once: meaning, unit and range.
-
-The command line, its help, configuration files and the API use them.
-"""
+"""Options of slave, master and the other verbs for command line, files and API: meaning, unit and range."""
 
 import inspect
 import re

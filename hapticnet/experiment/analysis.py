@@ -68,10 +68,9 @@ class BytesPerPenetration:
         return float(np.std(self.each, ddof=1)) if len(self.each) > 1 else 0.0
 
     def by_tissue(self, tissues: Sequence[Tissue]) -> list[list[int]]:
-        """Return the bytes of the penetrations of each tissue.
+        """Return the bytes of the penetrations of each tissue: the deepest whose surface at rest is before the tip.
 
-        A breach is counted for the deepest tissue whose surface at rest lies before the tip. This holds for tissues
-        that are breached before the next one is touched, as in the paper's scene.
+        This holds for tissues that are breached before the next one is touched, as in the paper's scene.
         """
         surfaces_m = [tissue.rest_position_m for tissue in tissues]
         found: list[list[int]] = [[] for _ in tissues]
@@ -131,9 +130,8 @@ def vectors(columns: Columns, quantity: str, unit: str) -> FloatArray:
 def matched(slave: Columns, master: Columns) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int64]]:
     """Return the rows of both recordings that belong together, shape (n,) each, in order of time.
 
-    To each row of the slave belongs the tick of the same time. If positions are sent only when they matter, the slave
-    also steps its scene in between, and then it is the tick nearest in time, within half a period. Of several answers
-    for one tick the last counts.
+    To a row of the slave belongs the tick nearest in time, within half a period: a scene may also step between the sent
+    positions. Of several answers for one tick the last counts.
     """
     ticks_us, steps_us = master["t_us"].astype(np.int64), slave["t_us"].astype(np.int64)
     if len(ticks_us) < 2:

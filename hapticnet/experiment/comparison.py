@@ -86,13 +86,11 @@ def compare(
     jobs: int = 1,
     on_row: Callable[[Row], None] | None = None,
 ) -> list[Row]:
-    """Run every codec, each with its own law, over every recording; see `api.compare`.
+    """Run every codec, each with its own law, over every recording, in `jobs` processes; see `api.compare`.
 
-    `jobs`: number of processes. The results do not depend on it, apart from the measured `nanoseconds_per_sample`.
-    `on_row`: called with each row as soon as it is complete, in order: the trial changes slowest, the codec fastest.
-
-    Raise SettingsError if a loss, `delay_us` or `jobs` is out of range; SampleError if a codec refuses a sample;
-    UnavailableError if a process ends unexpectedly.
+    `on_row` gets each row as soon as it is complete, in order: the trial changes slowest, the codec fastest. Raise
+    SettingsError if a number is out of range; SampleError if a codec refuses a sample; UnavailableError if a process
+    ends.
     """
     losses = tuple(loss) if isinstance(loss, Sequence) else (loss,)
     for each in losses:

@@ -32,11 +32,8 @@ OPTIMUM_MARKERS: Final = {HOLD_OPTIMUM: "+", LINE_OPTIMUM: "x"}  # visible at a 
 class Figures:
     """The figures of a comparison that is still to be run, so that they can be refused before it.
 
-    `signal`: codec, as its label, whose signal is drawn over time; None: the first that is not raw. `window`: the
-    seconds of the recordings that are drawn, as ``FROM:TO``; None: those with the most sent samples.
-
-    Raise SettingsError if the format, the codec or the window cannot be used; UnavailableError if matplotlib is
-    missing.
+    `signal`: label of the codec that is drawn over time; None: the first that is not raw. `window`: its seconds, as
+    ``FROM:TO``; None: those with the most sent samples. Raise SettingsError, or UnavailableError without matplotlib.
     """
 
     def __init__(

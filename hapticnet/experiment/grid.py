@@ -43,10 +43,9 @@ def parse_grid(texts: Sequence[str]) -> dict[str, list[float]]:
 
 
 def grid_codecs(names: Sequence[str], grid: Mapping[str, Sequence[float]]) -> list[Codec]:
-    """Return the codecs written in `names` with every combination of the law and the parameters in a grid.
+    """Return the codecs in `names` with every combination of the law and the parameters in a grid; raw comes once.
 
     A parameter applies to the codecs that have it, except where the name itself fixes it; SettingsError if none has it.
-    Raw has no threshold and comes once.
     """
     plain = [(name, *parse_codec(name)) for name in dict.fromkeys(names)]
     known = {text: codec_parameters(make_codec(name, WeberLaw(), given)) for text, name, given in plain}

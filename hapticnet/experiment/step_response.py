@@ -37,8 +37,7 @@ def step_figures(
 ) -> StepFigures:
     """Return the figures of a step at `at_s` [s] in a recorded force [N], shape (n,), at increasing times [s].
 
-    Crossings are interpolated between samples. A downward step is inverted. Raise SettingsError if the step has no
-    height, or fewer than two samples follow it.
+    Crossings are interpolated. SettingsError if the step has no height, or fewer than two samples follow it.
     """
     times, forces = np.asarray(t_s, dtype=np.float64), np.asarray(force_n, dtype=np.float64)
     if from_n == to_n:

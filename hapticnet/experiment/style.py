@@ -150,8 +150,7 @@ def draw_codecs(axes: Any, lines: Mapping[str, Points], *, highlight: str | None
 def finish_axes(*panels: Any, across: str = "linear") -> None:
     """Give axes that are read together the same scales, and plain numbers.
 
-    The upward scale is logarithmic where the figures span a factor of `LOG_SPAN`, else it begins at 0. `picture` says
-    on the label of an axis if it is logarithmic.
+    The upward scale is logarithmic where the figures span a factor of `LOG_SPAN`, else it begins at 0.
     """
     values = [
         [value for axes in panels for line in axes.get_lines() for value in line.get_data()[which] if value > 0.0]

@@ -36,10 +36,9 @@ def line_width() -> int:
 
 
 def print_table(head: Sequence[str], rows: Sequence[Sequence[str]], *, width: int | None = None, left: int = 1) -> None:
-    """Print a table on stdout; what would speak to a terminal becomes "?".
+    """Print a table on stdout; what would speak to a terminal becomes "?". A cell may have several lines.
 
-    Columns that do not fit in `width` (None: `line_width`) follow below in further tables, each with the first `left`
-    columns, which are aligned left. A cell may have several lines. Numbers are never cut.
+    Columns that do not fit in `width` follow in further tables, each with the first `left` columns. No number is cut.
     """
     from rich import box
     from rich.console import Console

@@ -47,8 +47,7 @@ class EndedError(UnavailableError):
 class Pool:
     """Processes that compute `function(shared, item)`. A process that ends is replaced when there is work for it.
 
-    With the method "fork", `shared` need not be picklable, nor known to any module; "spawn" may also be used beside
-    other threads. SettingsError if `jobs` is out of range.
+    With the method "fork", `shared` need not be picklable; "spawn" may also be used beside other threads.
     """
 
     def __init__(self, jobs: int, function: Function, shared: Any, *, method: str) -> None:

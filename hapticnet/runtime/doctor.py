@@ -1,7 +1,4 @@
-"""What ``hapticnet doctor`` finds: whether this machine can run a slave and a master, and what helps where it cannot.
-
-What the programs say by themselves when they start or run is left to them: keys, extras, dropped datagrams.
-"""
+"""What ``hapticnet doctor`` finds: whether this machine can run a slave and a master, and what helps if not."""
 
 import asyncio
 import grp

@@ -116,10 +116,9 @@ TABLES: Final = {"master": MASTER, "slave": SLAVE}
 
 
 class Metrics(Watcher[NodeEvent | SlaveEvent]):
-    """The metrics of a master, or of all sessions of a slave together, so that no master can add names to them.
+    """The metrics of a master, or of all sessions of a slave together, served at `address`; port 0 takes a free one.
 
-    HTTP is served at `address`; port 0 takes a free one. `tell` is called with a line for the user if the serving
-    process fails. Raises UnavailableError if prometheus-client is not installed, or the address is not available.
+    `tell` hears if the serving process fails. UnavailableError without prometheus-client or if the address is taken.
     """
 
     name = "metrics"

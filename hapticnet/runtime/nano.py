@@ -1,7 +1,4 @@
-"""The compiled firmware on a simulated ATmega328P: alone, with its pins on the simulated plant, or in real time.
-
-In real time it is on a pseudo-terminal, which any program can open as a serial port.
-"""
+"""The compiled firmware on a simulated ATmega328P: alone, with the simulated plant, or on a pseudo-terminal."""
 
 import asyncio
 import contextlib
@@ -295,8 +292,7 @@ MOST_READ_BYTES: Final = 4096  # largest number of bytes read at a time: the cap
 class NanoPty:
     """A board on a pseudo-terminal, to which `link` is a symbolic link; its output is lost while that is closed.
 
-    Opening it does not reset the controller. Raises UnavailableError without pseudo-terminals; FileError without a
-    link.
+    Opening it does not reset the controller. UnavailableError without a pseudo-terminal, FileError without the link.
     """
 
     def __init__(self, board: Board, *, link: Path | None = None) -> None:

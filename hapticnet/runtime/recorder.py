@@ -1,7 +1,4 @@
-"""Recordings of running nodes: rows and events go to a writer process in batches, between ticks.
-
-Two watchers record: a master's ticks in one file, each session of a slave in a file of its own.
-"""
+"""Recordings of running nodes, a file for a master or each session: a writer process gets batches between ticks."""
 
 import asyncio
 import json
@@ -42,11 +39,10 @@ WIRE_VERSIONS: Final = {"open": OPEN, "sealed": SEALED}
 
 
 class Recorder:
-    """Hand recordings to a writer process.
+    """Hand recordings to a writer process: `start`, `open`, `rows`, `end`, `finish`, and `pump` again and again.
 
-    `start`, then `open` each, give it `rows`, `end` each, and `finish` the run; `pump` again and again. Only `finish`
-    waits. A disk that is full, slow or gone ends the recording, not the run. `tell` is called with a line for the user
-    when something is not recorded; `about` (configuration, seed, versions) goes into every file.
+    Only `finish` waits. A disk that is full, slow or gone ends the recording, not the run. `tell` is called with a line
+    for the user when something is not recorded; `about` (configuration, seed, versions) goes into every file.
     """
 
     def __init__(

@@ -64,10 +64,9 @@ class MasterRun:
 
 
 class MasterRunner(_Runner[NodeEvent]):
-    """A master node at work on the running event loop. It leaves signals alone.
+    """A master node at work on the running event loop, with `wire` for a wired device. It leaves signals alone.
 
-    `wire` is the serial line of a wired device; `channel` and `channel_in` are emulated networks for outgoing and for
-    arriving datagrams. `stop` is set from elsewhere to end the run, and set here when the session has ended.
+    `stop` is set from elsewhere to end the run, and set here when the session has ended.
     """
 
     def __init__(

@@ -295,8 +295,7 @@ TICK_US: Final = 1000
 async def run_device(wire: Wire | None, tick: Callable[[int], bool], *, duration_s: float | None = None) -> bool:
     """Open a device, wait for readings, then call `tick` with the time [µs] every ms until it returns True.
 
-    Return whether this, or `duration_s` [s], ended the run; False: SIGINT or SIGTERM did. What `tick` raises is raised
-    here. Raises as `open_wire`, too.
+    Return whether this, or `duration_s` [s], ended the run, and no signal. Raise as `open_wire` or `tick`.
     """
     loop = asyncio.get_running_loop()
     signalled = stop_on_signals(loop)

@@ -31,10 +31,8 @@ class Rescue:
 
     A thread asks the loop for a sign of life. Without one for `PATIENCE_S`, the code that does not return gets an
     exception, which is handled like any other of that code; a run then ends in order. Code that does not heed this
-    after `TRIES`, or that waits in C, is left: the report is delivered without it. Code in C that does not give up the
-    lock of the interpreter can only be killed.
-
-    `deliver`: Delivers the report; called in the thread, with what is wrong.
+    after `TRIES`, or that waits in C, is left, and `deliver` is called in the thread. Code in C that keeps the
+    interpreter's lock can only be killed.
     """
 
     def __init__(self, deliver: Callable[[], None] = lambda: None) -> None:
@@ -138,9 +136,8 @@ def stop_on_signals(
 ) -> asyncio.Event:
     """Return an event that SIGINT and SIGTERM set; each signal after the first sets `again`.
 
-    A loop that is stuck, perhaps in a method of a user's class that does not return, cannot set it: `Rescue` ends it
-    then. A process with a `rescue` has a report to deliver, so once its loop is closed, signals change nothing any
-    more, but `rescue` still ends what does not return. In any other, signals then do what they do by default.
+    A loop that is stuck cannot set it: `Rescue` ends it then. With a `rescue` there is a report to deliver, so once the
+    loop is closed, signals change nothing any more. In any other process, they then do what they do by default.
     """
     stop = asyncio.Event()
 

@@ -44,10 +44,9 @@ class Guests:
 
 
 def read_guests(file: Path, own: bytes | None) -> tuple[Roster, dict[str, SceneSource]]:
-    """Return a list of masters and the scenes that it names; `own` is the slave's public key, None if unknown.
+    """Return a list of masters and the scenes it names; `own` is the slave's public key, None if unknown.
 
-    Paths of scenes are relative to the folder of the list. Raises FileError, SettingsError if the list or one of its
-    scenes cannot be used, or a master has the slave's key.
+    Paths are relative to the folder of the list. FileError or SettingsError if it, a scene or a key cannot be used.
     """
     roster = load_roster(file)
     scenes: dict[str, SceneSource] = {}

@@ -44,11 +44,10 @@ class ReceiveQueue:
             sock.setsockopt(socket.SOL_SOCKET, _SO_TIMESTAMPNS, 1)
 
     def sample_age(self) -> None:
-        """Look at the oldest datagram of the queue, and leave it there. Costs 1.6 µs.
+        """Look at the oldest datagram of the queue, and leave it there. Costs 1.6 µs. Raises OSError as receiving does.
 
         The system stamps datagrams with its wall clock. If that was set since, the age may be impossible: below 0, or
-        such that an earlier sample would have found this datagram. Such a sample does not count. Raises OSError as
-        receiving does; BlockingIOError if the queue is empty.
+        such that an earlier sample would have found this datagram. Such a sample does not count.
         """
         now_us = time.monotonic_ns() / 1000
         try:

@@ -118,11 +118,10 @@ EXTENSION_US: Final = 10_000_000  # time [µs] that systemd waits, again and aga
 
 
 class Notifier(Watcher[Event], Generic[Event]):
-    """Tell systemd that the process is ready, and then twice a second that its event loop runs.
+    """Tell systemd on its socket `path` that the process is ready, and then twice a second that its event loop runs.
 
-    A unit with ``Type=notify`` and ``WatchdogSec=`` thus notices a loop that is stuck, too. `path` is its socket; ``@``
-    at the start stands for an abstract one. `status` returns a line for ``systemctl status``; `stopping`, whether the
-    process was told to end and waits for others: systemd then waits for it, too.
+    `status` returns a line for ``systemctl status``; `stopping`, whether the process was told to end and waits for
+    others, for which systemd then waits, too. A unit with ``WatchdogSec=`` thus notices a loop that is stuck.
     """
 
     name = "systemd"

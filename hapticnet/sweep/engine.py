@@ -108,12 +108,9 @@ def sweep(
     on_progress: Callable[[Progress], None] = lambda _progress: None,
     clock: Callable[[], float] = time.monotonic,
 ) -> Progress:
-    """Compute and store the runs of a study that are not `there` yet.
+    """Compute and store the runs of a study that are not `there`; once `is_stopped`, only finish shards in hand.
 
-    Once `is_stopped`, which is asked a few times a second, the shards in hand are finished and nothing else is begun.
-
-    Raise FileError if a shard cannot be stored (all that were stored before are kept); UnavailableError if the workers
-    are gone, or none of them can compute anything.
+    Raise FileError if a shard cannot be stored; UnavailableError if no worker is left, or none can compute anything.
     """
     cutter = Cutter(there, plan.runs)
     progress = Progress(runs=plan.runs, done=sum(shard.runs for shard in there))

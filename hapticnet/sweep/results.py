@@ -1,7 +1,4 @@
-"""The results of a study as a table and as a figure: mean and quantiles of measures for groups of runs.
-
-DuckDB reads the shards.
-"""
+"""The results of a study, read by DuckDB, as a table and a figure: mean and quantiles for groups of runs."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -121,8 +118,7 @@ def summary(
 ) -> Summary:
     """Return mean and quantiles of measures for each group, with `deviations` also the standard deviation.
 
-    Runs with errors are left out; `where` is a condition in SQL. Raise SettingsError if it or a quantile cannot be
-    used; FileError if a shard cannot be read.
+    Runs with errors are left out; `where` is a condition in SQL. Raise SettingsError for either, FileError for a shard.
     """
     for each in quantiles:
         check_parameter("quantile", each, 0.0, 1.0)

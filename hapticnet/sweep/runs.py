@@ -1,7 +1,4 @@
-"""The runs of a study: every combination of its axes, numbered, and the rows that they give.
-
-A plan is sent to workers, so it can be pickled; a runner computes its runs there.
-"""
+"""The runs of a study, numbered, and their rows: a plan is pickled for workers, where a runner computes them."""
 
 import itertools
 import math

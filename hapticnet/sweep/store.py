@@ -1,7 +1,4 @@
-"""The store of a study's results: a folder of shards that are whole or not there, and what they belong to.
-
-A shard is a Parquet file. Its name has a digest of the file, so that no changed bit passes unnoticed.
-"""
+"""The store of a study's results: a folder of Parquet shards that are whole (named by digest) or not there."""
 
 import hashlib
 import json
@@ -110,8 +107,7 @@ class Store:
     def open(self, plan: Plan, text: str, about: Mapping[str, Any]) -> list[Shard]:
         """Prepare the folder for a plan, whose file is copied there; return the shards that are there.
 
-        Raise SettingsError if the folder belongs to another study, or has more runs than the plan; FileError if a file
-        in it cannot be read or written, or is not whole.
+        SettingsError if the folder belongs to another study or has more runs; FileError if a file cannot be used.
         """
         self._refuse_other(plan)
         for left in self.path.iterdir():

@@ -75,10 +75,9 @@ def hello(view: View, source: str, hand: LiveHand | None) -> dict[str, Any]:
 
 
 class Audience(Watcher[NodeEvent], ABC):
-    """A watcher that keeps pages up to date and does what they ask.
+    """A watcher that keeps pages up to date and does what they ask, without waiting for one.
 
-    Everything but `_take_down` is done 60 times a second, right after a tick, so that it is over before the next one;
-    no page is waited for.
+    Everything but `_take_down` is done 60 times a second, right after a tick, so that it is over before the next one.
     """
 
     name = "page"

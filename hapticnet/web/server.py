@@ -1,7 +1,6 @@
-"""The HTTP server of the page: files, tokens, checks of Host and Origin, and sockets.
+"""The HTTP server of the page, on the master's event loop: files, tokens, checks of Host and Origin, sockets.
 
-It runs on the master's event loop. Files are read into memory at the start, because serving them from disk would use
-threads that contend with the tick for the interpreter.
+Files are read at the start: threads that read them from disk would contend with the tick for the interpreter.
 """
 
 import asyncio

@@ -1,16 +1,4 @@
-"""What a process tells the writer of its recordings: msgpack arrays on a pipe, [kind, number of the recording, …].
-
-BEGIN
-    the fields of `Heading` as a map
-ROWS
-    the number of the table, and rows of float64 in the machine's byte order
-EVENT
-    time [µs], name and text
-ABOUT
-    a map, added to `Heading.about`
-END
-    nothing: the recording is complete
-"""
+"""What a process tells the writer of its recordings: msgpack arrays on a pipe, [kind, number of the recording, …]."""
 
 import enum
 from dataclasses import asdict, dataclass, field

@@ -37,8 +37,7 @@ _BESIDE: Final = (*(f".{name}s.csv" for name in _OTHER_TABLES), ".events.csv", "
 def read_session(path: Path, *, max_bytes: int = MAX_BYTES) -> Session:
     """Return a recording that a master or slave wrote; of an .mcap file that is cut off, what is whole.
 
-    Raise FileError if it cannot be read, is something else, or unpacks to more than `max_bytes`, UnavailableError if
-    its format needs an extra.
+    Raise FileError if it cannot be read, or unpacks to more than `max_bytes`; UnavailableError if it needs an extra.
     """
     unfinished = path.parent / (path.name + UNFINISHED)
     if not path.exists() and unfinished.exists():

@@ -12,10 +12,9 @@ UNFINISHED: Final = ".unfinished"  # suffix of a file that is being written, or 
 
 
 class Sink:
-    """Write to ``FILE.unfinished``, and rename it to FILE at the end; raise OSError if it cannot be written.
+    """Write to ``FILE.unfinished`` (or a free number of it), and rename it to FILE at the end; or raise OSError.
 
-    Only whole calls of `flush` reach the file: if the disk is full, the file is cut back to the last one. An existing
-    ``.unfinished`` file is kept; the new one then gets a number.
+    Only whole calls of `flush` reach the file: if the disk is full, the file is cut back to the last one.
     """
 
     def __init__(self, path: Path, *, suffix: str | None = None) -> None:
