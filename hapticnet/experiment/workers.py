@@ -52,12 +52,8 @@ class Pool:
 
     def __init__(self, jobs: int, function: Function, shared: Any, *, method: str) -> None:
         check_integer("jobs", jobs, 1, MOST_JOBS)
+        self.workers = jobs  # number of processes
         self._workers = [_Worker(function, shared, method) for _ in range(jobs)]
-
-    @property
-    def workers(self) -> int:
-        """Number of processes."""
-        return len(self._workers)
 
     @property
     def in_hand(self) -> int:

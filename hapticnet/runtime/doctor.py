@@ -39,12 +39,9 @@ GRABBERS: Final = {  # programs that take serial ports, what they do, and what s
 }
 
 TRIAL_S: Final = 3.0
-LATE_US: Final = 250.0, 1000.0
-"""Good and acceptable lateness of ticks at the 99th percentile: a quarter of a tick, and a whole one.
-
-On two shared cores (bench/measure/real_time.py), ticks at 1 kHz are 50 µs late, 0.2 ms at the 99th percentile; a second
-busy thread makes that 1.5 ms. A round trip takes 0.1 to 0.2 ms, 0.4 ms at the 99th percentile.
-"""
+# A quarter of a tick, and a whole one, at the 99th percentile. On two shared cores (bench/measure/real_time.py) it is
+# 0.2 ms, with a second busy thread 1.5 ms. A round trip takes 0.1 to 0.2 ms, 0.4 ms at the 99th percentile.
+LATE_US: Final = 250.0, 1000.0  # good and acceptable lateness of ticks
 
 ROUND_TRIP_US: Final = 1000.0, 5000.0  # the same of the round trip: before the next position, and five ticks
 MISSED: Final = LARGEST_MISSED_SHARE, 0.05  # what a master warns of, and where the motion has gaps all the time

@@ -130,7 +130,7 @@ class Metrics(Watcher[NodeEvent | SlaveEvent]):
     ) -> None:
         if find_spec("prometheus_client") is None:
             raise UnavailableError("--metrics needs prometheus-client (extra metrics): pip install prometheus-client")
-        self._socket = listen_for_streams(address)
+        self._socket = listen_for_streams(address, f"cannot listen on {address} (TCP)")
         self.address = bound_address(self._socket)
         self.role = "master" if isinstance(node, MasterNode) else "slave"
         self.node = node

@@ -118,10 +118,7 @@ class Simavr:
         self._process.wait()
 
 
-SLICE_US: Final = (
-    1_000  # interval [µs] at which the converter's voltage follows the plant; the firmware averages as long
-)
-
+SLICE_US: Final = 1_000  # interval [µs] at which the converter's voltage follows the plant: that of the firmware's mean
 LONGEST_GAP_US: Final = 2_000_000  # longest gap [µs] simulated: the firmware has retracted, servos rest
 SHORTEST_PULSE_US: Final = 500.0
 LONGEST_PULSE_US: Final = 2_500.0  # limits [µs] of a hobby servo's pulses; a reset may cut one short

@@ -5,7 +5,7 @@ import signal
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from socket import socket
-from typing import Any, Final, Generic
+from typing import Any, Final, Generic, TypedDict, Unpack
 
 from hapticnet.channel.emulator import Emulator
 from hapticnet.node.events import NodeEvent, SlaveEvent
@@ -24,16 +24,25 @@ PARTING_S: Final = 1.0  # longest time [s] that a process waits for its last dat
 POLL_S: Final = 0.1  # time [s] between two looks whether the last master has left
 
 
+class Around(TypedDict, Generic[Event], total=False):
+    """What is around a node at work; all of it may be left out."""
+
+    channel: OutgoingChannel | None  # emulated network for outgoing datagrams
+    watchers: Sequence[Watcher[Event]]
+    overload: Overload | None
+    tell: Callable[[str], None]  # called with a line for the user when a watcher fails
+
+
 class _Runner(Generic[Event]):
     """What a master and a slave at work on the running event loop have in common."""
 
     def __init__(
         self,
         sock: socket,
-        channel: OutgoingChannel | None,
-        watchers: Sequence[Watcher[Event]],
-        overload: Overload | None,
-        tell: Callable[[str], None],
+        channel: OutgoingChannel | None = None,
+        watchers: Sequence[Watcher[Event]] = (),
+        overload: Overload | None = None,
+        tell: Callable[[str], None] = lambda _: None,
     ) -> None:
         self._sock = sock
         self._channel = channel
@@ -77,13 +86,10 @@ class MasterRunner(_Runner[NodeEvent]):
         *,
         stop: asyncio.Event,
         wire: Wire | None = None,
-        channel: OutgoingChannel | None = None,
         channel_in: IncomingChannel | None = None,
-        watchers: Sequence[Watcher[NodeEvent]] = (),
-        overload: Overload | None = None,
-        tell: Callable[[str], None] = lambda _: None,
+        **around: Unpack[Around[NodeEvent]],
     ) -> None:
-        super().__init__(sock, channel, watchers, overload, tell)
+        super().__init__(sock, **around)
         self.node = node
         self.connected = asyncio.Event()  # set when there has been a session
         self._ended = asyncio.Event()
@@ -182,17 +188,8 @@ class MasterRunner(_Runner[NodeEvent]):
 class SlaveRunner(_Runner[SlaveEvent]):
     """A slave node at work on the running event loop; it has no tick, and steps a scene when a position arrives."""
 
-    def __init__(
-        self,
-        node: SlaveNode,
-        sock: socket,
-        *,
-        channel: OutgoingChannel | None = None,
-        watchers: Sequence[Watcher[SlaveEvent]] = (),
-        overload: Overload | None = None,
-        tell: Callable[[str], None] = lambda _: None,
-    ) -> None:
-        super().__init__(sock, channel, watchers, overload, tell)
+    def __init__(self, node: SlaveNode, sock: socket, **around: Unpack[Around[SlaveEvent]]) -> None:
+        super().__init__(sock, **around)
         self.node = node
 
     async def start(self) -> None:
@@ -267,22 +264,16 @@ async def run_master(
     slave: SocketAddress,
     *,
     wire: Wire | None = None,
-    channel: OutgoingChannel | None = None,
     channel_in: IncomingChannel | None = None,
     duration_s: float | None = None,
     connect_timeout_s: float | None = None,
-    watchers: Sequence[Watcher[NodeEvent]] = (),
-    overload: Overload | None = None,
-    tell: Callable[[str], None] = lambda _: None,
     stop: asyncio.Event | None = None,
     rescue: Rescue | None = None,
+    **around: Unpack[Around[NodeEvent]],
 ) -> MasterRun:
     """Run until `stop` (default: a signal), a refusal, or `duration_s` [s] after connecting; close the session."""
     stop = stop or stop_on_signals(asyncio.get_running_loop(), rescue)
-    runner = MasterRunner(
-        node, sock, slave, stop=stop, wire=wire, channel=channel, channel_in=channel_in, watchers=watchers,
-        overload=overload, tell=tell,
-    )  # fmt: skip
+    runner = MasterRunner(node, sock, slave, stop=stop, wire=wire, channel_in=channel_in, **around)
     await runner.start()
     reason = "stopped"
     try:
@@ -304,16 +295,13 @@ async def run_slave(
     node: SlaveNode,
     sock: socket,
     *,
-    channel: OutgoingChannel | None = None,
     duration_s: float | None = None,
     drain_s: float = 0.0,
-    watchers: Sequence[Watcher[SlaveEvent]] = (),
-    overload: Overload | None = None,
-    tell: Callable[[str], None] = lambda _: None,
     on_listening: Callable[[], None] | None = None,
     on_hangup: Callable[[], None] | None = None,
     stop: asyncio.Event | None = None,
     rescue: Rescue | None = None,
+    **around: Unpack[Around[SlaveEvent]],
 ) -> None:
     """Serve until `stop` is set or `duration_s` [s] have passed, then close every session.
 
@@ -322,7 +310,7 @@ async def run_slave(
     `on_listening` is called when datagrams and signals are answered.
     """
     loop = asyncio.get_running_loop()
-    runner = SlaveRunner(node, sock, channel=channel, watchers=watchers, overload=overload, tell=tell)
+    runner = SlaveRunner(node, sock, **around)
     await runner.start()
 
     def hang_up() -> None:

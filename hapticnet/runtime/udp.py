@@ -136,8 +136,8 @@ def listen(address: HostPort) -> socket.socket:
     return sock
 
 
-def listen_for_streams(address: HostPort) -> socket.socket:
-    """Return a listening TCP socket; raise UnavailableError if the address is not available."""
+def listen_for_streams(address: HostPort, failure: str) -> socket.socket:
+    """Return a listening TCP socket; raise UnavailableError with `failure` if the address is not available."""
     family, target = _resolve(address)
     sock = socket.socket(family, socket.SOCK_STREAM)
     try:
@@ -146,7 +146,7 @@ def listen_for_streams(address: HostPort) -> socket.socket:
         sock.listen()
     except OSError as error:
         sock.close()
-        raise UnavailableError(f"cannot listen on {address} (TCP): {_words(error)}") from error
+        raise UnavailableError(f"{failure}: {_words(error)}") from error
     return sock
 
 

@@ -48,7 +48,7 @@ class ClusterPool:
         self._address, self._killed = address, KilledWorker
         self._futures: dict[Shard, Any] = {}
         self._done: queue.SimpleQueue[tuple[Shard, Any]] = queue.SimpleQueue()
-        self._workers = 0
+        self.workers = 0  # number of threads of all workers
         self._counted_s = -COUNT_S
         try:
             make_client: Any = Client
@@ -62,11 +62,6 @@ class ClusterPool:
         self._count()
 
     @property
-    def workers(self) -> int:
-        """Number of threads of all workers."""
-        return self._workers
-
-    @property
     def in_hand(self) -> int:
         """Number of shards it was given and has not returned."""
         return len(self._futures)
@@ -74,7 +69,7 @@ class ClusterPool:
     @property
     def room(self) -> int:
         """How many more shards it should be given now. Without workers they wait at the scheduler."""
-        return IN_HAND * max(self._workers, 1) - self.in_hand
+        return IN_HAND * max(self.workers, 1) - self.in_hand
 
     def submit(self, item: Shard) -> None:
         """Let a worker compute a shard."""
@@ -99,7 +94,7 @@ class ClusterPool:
 
     def drop_waiting(self) -> None:
         """Take back the shards that nobody computes yet: probably the newest."""
-        for shard in list(self._futures)[self._workers :]:
+        for shard in list(self._futures)[self.workers :]:
             self._futures.pop(shard).cancel()
 
     def close(self) -> None:
@@ -118,13 +113,8 @@ class ClusterPool:
         try:
             computed = future.result(timeout=CONNECT_S)
         except self._killed:
-            return [
-                Outcome(
-                    shard,
-                    None,
-                    EndedError("each worker that computed it ended, perhaps for lack of memory", final=True),
-                )
-            ]
+            reason = "each worker that computed it ended, perhaps for lack of memory"
+            return [Outcome(shard, None, EndedError(reason, final=True))]
         except Exception as error:
             if self._client.status != "running":
                 raise UnavailableError(f"the Dask scheduler at {self._address} is gone") from error
@@ -138,7 +128,7 @@ class ClusterPool:
         self._counted_s = now_s
         with suppress(Exception):  # the old number is good enough
             threads = self._client.sync(self._client.scheduler.ncores, workers=None, callback_timeout=COUNT_S)
-            self._workers = sum(threads.values())
+            self.workers = sum(threads.values())
 
 
 AnyPool: TypeAlias = Pool | ClusterPool

@@ -8,11 +8,10 @@ from typing import Final
 from urllib.parse import urlsplit
 
 from hapticnet.errors import UnavailableError
-from hapticnet.runtime.udp import HostPort
+from hapticnet.runtime.udp import HostPort, listen_for_streams
 from hapticnet.web.messages import VIEWS, View
 
 DEFAULT: Final = HostPort("127.0.0.1", 47880)  # where the page is served unless another address is named
-BACKLOG: Final = 32
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,33 +57,12 @@ def listen_for_pages(address: HostPort | None, views: tuple[View, ...] = VIEWS) 
     """
     wanted = address or DEFAULT
     try:
-        sock = _listen(wanted)
+        sock = listen_for_streams(wanted, f"cannot serve the page at {wanted}")
     except UnavailableError:
         if wanted == address:
             raise
-        sock = _listen(HostPort(wanted.host, 0))
+        sock = listen_for_streams(HostPort(wanted.host, 0), f"cannot serve the page at {wanted.host}")
     host, port = sock.getsockname()[:2]
     named = address.host if address is not None else host
     host = socket.gethostname() if named in ("0.0.0.0", "::") else named  # noqa: S104
     return sock, Access(host, port, new_tokens(views))
-
-
-def _listen(address: HostPort) -> socket.socket:
-    try:
-        family, kind, _, _, target = socket.getaddrinfo(address.host, address.port, type=socket.SOCK_STREAM)[0]
-        sock = socket.socket(family, kind)
-    except (OSError, UnicodeError) as error:
-        raise UnavailableError(f"cannot serve the page at {address}: {_words(error)}") from error
-    try:
-        sock.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-        sock.bind(target)
-        sock.listen(BACKLOG)
-    except OSError as error:
-        sock.close()
-        raise UnavailableError(f"cannot serve the page at {address}: {_words(error)}") from error
-    sock.setblocking(False)
-    return sock
-
-
-def _words(error: Exception) -> str:
-    return str(getattr(error, "strerror", None) or error)

@@ -13,13 +13,13 @@ LARGEST_FRAME: Final = 2**31 - 1
 
 
 class FrameKind(enum.IntEnum):
-    """See the module."""
+    """What a frame holds behind its kind and the number of the recording."""
 
-    BEGIN = 1
-    ROWS = 2
-    EVENT = 3
-    ABOUT = 4
-    END = 5
+    BEGIN = 1  # the fields of `Heading` as a map
+    ROWS = 2  # the number of the table, and rows of float64 in the machine's byte order
+    EVENT = 3  # time [µs], name and text
+    ABOUT = 4  # a map, added to `Heading.about`
+    END = 5  # nothing: the recording is complete
 
 
 @dataclass(frozen=True, slots=True)

@@ -40,6 +40,7 @@ class McapWriter:
             raise UnavailableError(NEEDS_MCAP) from error
         self._heading = heading
         self._sink = Sink(heading.path)
+        self.files = (self._sink,)  # the files being written
         self._writer: Any = Writer(self._sink, chunk_size=CHUNK_BYTES, compression=CompressionType.ZSTD)  # type: ignore[arg-type]  # write, tell and flush are all that it uses
         self._pending = 0
         self._chunks = 0
@@ -53,11 +54,6 @@ class McapWriter:
             self._channels.append(self._channel(table.name, f"{PACKAGE}.{message}", schema, columns))
         self._events = self._channel("event", LOG, log_descriptor(), {})
         self._sink.flush()
-
-    @property
-    def files(self) -> tuple[Sink, ...]:
-        """The files being written."""
-        return (self._sink,)
 
     @property
     def size(self) -> int:
