@@ -8,6 +8,7 @@ import subprocess
 import sys
 import types
 from pathlib import Path
+from unittest.mock import MagicMock
 
 import pytest
 
@@ -96,83 +97,43 @@ def test_a_master_in_a_program_with_its_own_loop(capsys):
 
 
 def test_a_ros_node_touches_a_ball(monkeypatch):
-    said, published = [], []
-    monkeypatch.setitem(sys.modules, "rclpy", types.ModuleType("rclpy"))
-    monkeypatch.setitem(sys.modules, "rclpy.node", stand_in("rclpy.node", Node=node_class(said, published)))
-    messages = stand_in("geometry_msgs.msg", PointStamped=Message, WrenchStamped=Message)
-    monkeypatch.setitem(sys.modules, "geometry_msgs", types.ModuleType("geometry_msgs"))
-    monkeypatch.setitem(sys.modules, "geometry_msgs.msg", messages)
-    with hn.ThreadedSlave(load("own_scene.py:Ball")(), listen="127.0.0.1:0") as slave:
-        monkeypatch.setattr(sys.modules["rclpy.node"].Node, "slave", slave.address)
-        node = load("ros_node.py:Touch")()
-        tool = Message()
-        tool.point.x, tool.point.y, tool.point.z = 0.0, 0.01, 0.0
-        node.on_tool(tool)
-        assert node.period_s == 1.0 / 500.0
+    ros = MagicMock()
 
-        def touched():
-            node.on_timer()
-            return published[-1].wrench.force.y > 2.85
-
-        wait_until(touched)
-        force = published[-1].wrench.force
-        assert (force.x, force.y, force.z) == pytest.approx((0.0, 3.0, 0.0), abs=0.2)
-        assert published[-1].header.stamp == "now"
-        assert said[0].startswith("Connected(")
-        node.master.close()
-
-
-class Message:
-    """A message of ROS: any field, made when it is first used."""
-
-    def __getattr__(self, name):
-        if name.startswith("__"):
-            raise AttributeError(name)
-        made = Message()
-        setattr(self, name, made)
-        return made
-
-
-def stand_in(name, **contents):
-    module = types.ModuleType(name)
-    vars(module).update(contents)
-    return module
-
-
-def node_class(said, published):
     class Node:
         """What the example uses of rclpy.node.Node."""
 
-        slave = ""
-
         def __init__(self, name):
-            self.name = name
+            self.get_name = lambda: name
 
-        def declare_parameter(self, name, default):
-            assert (name, default) == ("slave", "127.0.0.1:47800")
-            return types.SimpleNamespace(value=self.slave)
+        def __getattr__(self, name):
+            return getattr(ros, name)
 
-        def get_name(self):
-            return self.name
+    messages = types.SimpleNamespace(PointStamped=MagicMock, WrenchStamped=MagicMock)
+    node_module = types.SimpleNamespace(Node=Node)
+    modules = {"rclpy": ros, "rclpy.node": node_module, "geometry_msgs": ros, "geometry_msgs.msg": messages}
+    for name, module in modules.items():
+        monkeypatch.setitem(sys.modules, name, module)
+    with hn.ThreadedSlave(load("own_scene.py:Ball")(), listen="127.0.0.1:0") as slave:
+        ros.declare_parameter.return_value.value = slave.address
+        node = load("ros_node.py:Touch")()
+        ros.declare_parameter.assert_called_once_with("slave", "127.0.0.1:47800")
+        ros.create_publisher.assert_called_once_with(MagicMock, "touch", 10)
+        ros.create_subscription.assert_called_once_with(MagicMock, "tool", node.on_tool, 10)
+        ros.create_timer.assert_called_once_with(1.0 / 500.0, node.on_timer)
+        tool = MagicMock()
+        tool.point.x, tool.point.y, tool.point.z = 0.0, 0.01, 0.0
+        node.on_tool(tool)
 
-        def create_publisher(self, kind, topic, depth):
-            assert (kind, topic, depth) == (Message, "touch", 10)
-            return types.SimpleNamespace(publish=published.append)
+        def published():
+            node.on_timer()
+            return ros.create_publisher().publish.call_args.args[0]
 
-        def create_subscription(self, kind, topic, callback, depth):
-            assert (kind, topic, callback, depth) == (Message, "tool", self.on_tool, 10)
-
-        def create_timer(self, period_s, callback):
-            assert callback == self.on_timer
-            self.period_s = period_s
-
-        def get_clock(self):
-            return types.SimpleNamespace(now=lambda: types.SimpleNamespace(to_msg=lambda: "now"))
-
-        def get_logger(self):
-            return types.SimpleNamespace(info=said.append)
-
-    return Node
+        wait_until(lambda: published().wrench.force.y > 2.85)
+        force = published().wrench.force
+        assert (force.x, force.y, force.z) == pytest.approx((0.0, 3.0, 0.0), abs=0.2)
+        assert published().header.stamp is ros.get_clock().now().to_msg()
+        assert ros.get_logger().info.call_args_list[0].args[0].startswith("Connected(")
+        node.master.close()
 
 
 def test_a_program_moves_the_tool_by_udp(capsys):

@@ -8,12 +8,12 @@ import sys
 import threading
 from itertools import count, product
 from pathlib import Path
+from types import SimpleNamespace
 
 import msgpack
 import numpy as np
 import pytest
 
-import hapticnet as hn
 from hapticnet.channel.emulator import Emulator
 from hapticnet.channel.spec import parse_channel
 from hapticnet.node.master import MasterNode
@@ -68,14 +68,9 @@ class SmallMaster:
 
 class RealMaster:
     def __init__(self, codec):
-        class Hand:
-            axes = 1
-
-            def sample(self, t_us):
-                return place_m(t_us)
-
+        hand = SimpleNamespace(axes=1, sample=place_m)
         rng = np.random.default_rng(next(SEEDS))
-        self.node = MasterNode(UserOperator(Hand()), None, MasterSettings(codec=codec), rng)
+        self.node = MasterNode(UserOperator(hand), None, MasterSettings(codec=codec), rng)
         self.receive, self.to_send = self.node.receive_datagram, self.node.datagrams_to_send
 
     def tick(self, now_us):
@@ -97,9 +92,7 @@ def make_slave(name, small):
             return [each for each in [slave.receive(data, address, now_us)] if each]
     else:
         tissue = Tissue(name="spring", rest_position_m=0.02, stiffness_n_per_m=300.0, breach_force_n=1e6)
-        settings = SlaveSettings(), np.random.default_rng(4)
-        make_scene = lambda _: Scene((tissue,))  # noqa: E731
-        node = SlaveNode(make_scene, *settings)
+        node = SlaveNode(lambda _: Scene((tissue,)), SlaveSettings(), np.random.default_rng(4))
 
         def answer(data, address, now_us):
             node.receive_datagram(data, address, now_us)
@@ -230,19 +223,10 @@ def test_msgpack_of_the_smallest_peers_is_msgpack(small):
         assert repr(found) == repr(msgpack.unpackb(data, strict_map_key=False))
 
 
-def free_port():
+def test_the_smallest_peers_run_live(small):
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
         probe.bind(("127.0.0.1", 0))
-        return probe.getsockname()[1]
-
-
-def test_the_smallest_master_runs_live(small):
-    with hn.ThreadedSlave("paper:1", listen="127.0.0.1:0") as slave:
-        assert small("master").main(slave.address, 1.0) > 1.0
-
-
-def test_the_smallest_slave_runs_live(small):
-    port = free_port()
+        port = probe.getsockname()[1]
     thread = threading.Thread(target=small("slave").main, args=(port, 2.0))
     thread.start()
     try:
