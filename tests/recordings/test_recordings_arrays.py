@@ -42,11 +42,9 @@ def test_npy_of_one_or_two_dimensions_or_structured(tmp_path, array, columns, ex
         (np.zeros((2, 2, 2)), ["0"], r"array of shape \(2, 2, 2\)"),
         (np.zeros(0), None, "no samples"),
         (np.float64(1.0), None, "shape"),
-        (np.zeros((3, 2)), ["7"], r'no column "7"; there are 0, 1'),
         (np.zeros((3, 2)), None, "which column"),
         (np.array(["a", "b"]), None, "holds <U1; expected real numbers"),
         (np.array([1 + 2j]), None, "expected real numbers"),
-        (np.array([1.0, np.inf]), None, 'row 1, column "0": inf is not a finite number'),
         (np.array([1.0, np.nan]), None, 'row 1, column "0": no number; 1 of 2 rows'),
         (np.array([(1, (1, 2))], dtype=[("a", "f8"), ("b", "f8", 2)]), ["b"], r"shape \(1, 2\)"),
     ],
@@ -69,6 +67,7 @@ def save_mat(path, arrays):
 def test_arrays_by_name(tmp_path, save):
     path = tmp_path / ("a.npz" if save is save_npz else "a.mat")
     save(path, {"t_us": T_US, "force": FORCE, "x_mm": FORCE[:, :1], "wide": FORCE.T, "fs": np.array(1000.0)})
+    path = path.rename(tmp_path / "a.csv")  # its content counts, not its name
     for columns in ("force", "wide", "force.0,force.1,wide.2"):
         recording = load_recording(path, columns=columns)
         assert recording.t_us.tolist() == T_US.tolist()
@@ -106,12 +105,9 @@ def test_parquet_with_missing_values_and_stamps(tmp_path):
             load_recording(path, columns="f")
         with pytest.raises(FileError, match='column "n": holds string'):
             load_recording(path, columns="n", missing="hold")
-
-
-def test_parquet_with_integers_and_in_groups(tmp_path):
     table = pyarrow.table({"t_us": T_US, "f": pyarrow.array([1, None, 3, 4, 5, 6], type=pyarrow.int16())})
-    pyarrow.parquet.write_table(table, tmp_path / "a.parquet", row_group_size=2)
-    assert load_recording(tmp_path / "a.parquet", missing="drop").force[:, 0].tolist() == [1, 3, 4, 5, 6]
+    pyarrow.parquet.write_table(table, path, row_group_size=2)
+    assert load_recording(path, missing="drop").force[:, 0].tolist() == [1, 3, 4, 5, 6]
 
 
 def test_what_unpacks_to_more_than_the_limit_is_refused_before_it_is_unpacked(tmp_path):
@@ -186,52 +182,37 @@ def test_other_files_are_named_for_what_they_are(tmp_path, content, kind, name):
         load_recording(tmp_path / name, rate_hz=1000.0)
 
 
-def test_a_file_is_read_by_its_content_not_by_its_name(tmp_path):
-    save_npz(tmp_path / "a.npz", {"f": FORCE[:, 0]})
-    (tmp_path / "a.npz").rename(tmp_path / "a.csv")
-    assert load_recording(tmp_path / "a.csv", rate_hz=1000.0).force[:, 0].tolist() == FORCE[:, 0].tolist()
-
-
 @pytest.mark.filterwarnings("ignore")  # SciPy and NumPy warn of what they then raise for
 @pytest.mark.parametrize("name", ["a.csv", "b.csv", "a.npy", "a.npz", "a.mat", "a.parquet"])
 def test_mutated_files_are_read_or_refused(tmp_path, name):
     rng = np.random.default_rng(sum(name.encode()))
     path = tmp_path / name
     columns = {"t_us": T_US, "f": FORCE[:, 0], "x_mm": FORCE[:, 1]}
+    rows = list(zip(*columns.values(), strict=True))
     if name == "a.csv":
-        path.write_text("t_us,f,x_mm\n" + "".join(f"{a},{b},{c}\n" for a, b, c in zip(*columns.values(), strict=True)))
+        path.write_text("t_us,f,x_mm\n" + "".join(f"{a},{b},{c}\n" for a, b, c in rows))
     elif name == "b.csv":
-        path.write_text("# t [ms];f [mN]\n" + "".join(f'{a},5;"{b}"\n' for a, b in zip(T_US, FORCE[:, 0], strict=True)))
+        path.write_text("# t [ms];f [mN]\n" + "".join(f'{a},5;"{b}"\n' for a, b, _ in rows))
     elif name == "a.npy":
-        rows = list(zip(*columns.values(), strict=True))
         np.save(path, np.array(rows, dtype=[("t_us", "i8"), ("f", "f8"), ("x_mm", "f4")]))
     else:
         {"a.npz": save_npz, "a.mat": save_mat, "a.parquet": save_parquet}[name](path, columns)
     whole = path.read_bytes()
-    read = refused = 0
+    refused = 0
     for _ in range(400):
         content = bytearray(whole)
         for _ in range(rng.integers(1, 4)):
-            at = int(rng.integers(len(content)))
-            kind = rng.integers(4)
-            if kind == 0:
-                content[at] ^= 1 << int(rng.integers(8))
-            elif kind == 1:
-                content[at] = int(rng.integers(256))
-            elif kind == 2:
-                del content[at : at + int(rng.integers(1, 20))]
-            else:
-                content[at:at] = content[: int(rng.integers(1, 20))]
+            at, count = int(rng.integers(len(content))), int(rng.integers(20))
+            other = (bytes([content[at] ^ 1 << count % 8]), rng.bytes(1), b"", content[:count])[rng.integers(4)]
+            content[at : at + (count if not other else 1)] = other
         path.write_bytes(content)
         try:
             recording = load_recording(path, columns="f", rate_hz=1000.0, missing="drop", max_bytes=10_000_000)
         except (FileError, SettingsError):
             refused += 1
         else:
-            read += 1
             assert np.isfinite(recording.force).all()
             assert recording.force.shape == (len(recording.t_us), 1)
-    assert read + refused == 400
     assert refused > 20
 
 

@@ -41,7 +41,7 @@ def test_a_recording_is_frozen_and_in_si_units(file):
 
 
 def test_columns_are_chosen_by_name_number_or_list(three):
-    for columns in ("fx,fy", ["fx", "fy"], "1,2", " fx , 2"):
+    for columns in (["fx", "fy"], "1,2", " fx , 2"):
         assert load_recording(three, columns=columns).force.tolist() == [[1, 4], [2, 5], [3, 6]]
     assert load_recording(str(three), columns="fy").position is None
 
@@ -86,12 +86,7 @@ def test_units_of_force_are_obeyed_and_others_told(file, header, scale):
 
 @pytest.mark.parametrize(
     "content",
-    [
-        "t\tF\n[ms]\t[mN]\n0\t1\n1\t2\n",
-        "t [ms]  F [mN]\n0 1\n1 2\n",
-        "t   [ms] F  (mN)\n0 1\n1 2\n",
-        "t_ms\t F_mN\n0 1\n1 2\n",
-    ],
+    ["t\tF\n[ms]\t[mN]\n0\t1\n1\t2\n", "t   [ms] F  (mN)\n0 1\n1 2\n", "t_ms\t F_mN\n0 1\n1 2\n"],
 )
 def test_units_stand_under_the_header_or_beside_a_name_after_white_space(file, content):
     recording = load_recording(file(content))
@@ -156,12 +151,7 @@ def test_a_column_is_one_thing_once(three, arguments, words):
         load_recording(three, **arguments)
 
 
-def test_a_force_called_t_is_no_time_where_the_rate_gives_the_times(file):
-    recording = load_recording(file("T,x\n5,1\n4,2\n"), columns="T", rate_hz=1000.0)
-    assert (recording.force[:, 0].tolist(), recording.t_us.tolist()) == ([5.0, 4.0], [0, 1000])
-
-
-@pytest.mark.parametrize("name", ["time", "timestamp", "t", "Time Stamp"])
+@pytest.mark.parametrize("name", ["timestamp", "t", "Time Stamp"])
 @pytest.mark.parametrize(
     ("unit", "word"), [(1e6, "seconds"), (1e3, "milliseconds"), (1.0, "microseconds"), (1e-3, "nanoseconds")]
 )
@@ -196,6 +186,8 @@ def test_stamps_in_iso_8601_are_read(file, stamps, step_us):
 
 def test_the_rate_applies_to_files_without_times_only_and_that_is_told(file, three):
     assert load_recording(file("f\n1\n2\n3\n", "f.csv"), rate_hz=500.0).t_us.tolist() == [0, 2000, 4000]
+    called_t = load_recording(file("T,x\n5,1\n4,2\n", "T.csv"), columns="T", rate_hz=1000.0)
+    assert (called_t.force[:, 0].tolist(), called_t.t_us.tolist()) == ([5.0, 4.0], [0, 1000])
     recording = load_recording(three, columns="fx", rate_hz=500.0)
     assert recording.t_us.tolist() == [0, 1000, 2500]
     assert any('"t_s" has the times; --sampling-rate 500 is not used' in note for note in recording.notes)
@@ -232,11 +224,6 @@ def test_what_cannot_be_read_is_refused(file, content, arguments, error, message
         load_recording(file(content), **arguments)
 
 
-def test_times_of_day_are_read(file):
-    content = "time,f\n,0\n00:00:01.5,1\n00:01:00,2\n"
-    assert load_recording(file(content), missing="drop").t_us.tolist() == [1_500_000, 60_000_000]
-
-
 def test_rows_with_missing_values_are_dropped_or_hold_the_last_value_and_are_counted(file):
     dropped = load_recording(file(MISSING), columns="f", position="x", missing="drop")
     assert (dropped.t_us.tolist(), dropped.force.tolist(), dropped.position.tolist()) == ([5000], [[6]], [[6]])
@@ -251,6 +238,8 @@ def test_rows_with_missing_values_are_dropped_or_hold_the_last_value_and_are_cou
 def test_dropped_rows_leave_a_gap_where_the_rate_gives_the_times(file):
     recording = load_recording(file("f,g\n1,\n,\n3,\n4,\n"), columns="f", rate_hz=1000.0, missing="drop")
     assert recording.t_us.tolist() == [0, 2000, 3000]
+    times_of_day = file("time,f\n,0\n00:00:01.5,1\n00:01:00,2\n")
+    assert load_recording(times_of_day, missing="drop").t_us.tolist() == [1_500_000, 60_000_000]
 
 
 def test_gaps_repeated_stamps_and_peaks_are_told(file):
@@ -342,11 +331,9 @@ def test_hostile_headers_take_no_longer_than_others(file, header):
 
 def test_control_characters_do_not_reach_the_terminal(file):
     path = file("t_s,f\x1b[31m,\x9b2J\n0,1,\x1b[2Jx\n")
-    for columns in ("1", "2", "none"):
-        try:
-            recording = load_recording(path, columns=columns)
-        except FileError as error:
-            text = str(error)
-        else:
-            text = " ".join([*recording.names, *recording.notes])
-        assert text.isprintable()
+    recording = load_recording(path, columns="1")
+    assert " ".join([*recording.names, *recording.notes]).isprintable()
+    for columns in ("2", "none"):
+        with pytest.raises(FileError) as refused:
+            load_recording(path, columns=columns)
+        assert str(refused.value).isprintable()
