@@ -53,9 +53,9 @@ def framed(**changed):
     return list((frame | changed).values())
 
 
-def of_each(kind, name, fields, at, values):
-    for what, value in values.items():
-        yield f"{name} is {what}", body(kind, *fields[:at], value, *fields[at + 1 :])
+def of_each(kind, name, fields, at, values, outcome="dropped"):
+    for what, changed, _ in with_each(name, fields, at, values):
+        yield what, body(kind, *changed), outcome
 
 
 def frames():
@@ -95,12 +95,10 @@ def to_slave():
             del values["nil"]
         if name in ("share", "again"):
             values["101"] = 101
-        for what, datagram in of_each(POSITION, f"position whose {name}", at, place, values):
-            yield what, datagram, "dropped"
+        yield from of_each(POSITION, f"position whose {name}", at, place, values)
     places = {"no bytes": b"", "3 bytes": PLACE[:3], "6 bytes": PLACE + b"\0\0", "8 bytes": PLACE * 2}
     places |= {"NaN": single(math.nan), "infinite": single(math.inf), "2e15 m": single(2e15)}
-    for what, datagram in of_each(POSITION, "position whose payload", at, 2, places):
-        yield what, datagram, "dropped"
+    yield from of_each(POSITION, "position whose payload", at, 2, places)
     yield "position with share and without again", body(POSITION, *at[:4]), "taken"
     yield "position with a share of text and without again", body(POSITION, *at[:3], "x"), "taken"
     yield "position with fields of a later revision", body(POSITION, *at, "x", {}), "taken"
@@ -111,44 +109,37 @@ def to_slave():
 def to_master():
     for kind, name, fields in ((FORCE, "force", [1000, ONE_NEWTON, b""]), (KEEPALIVE, "keepalive", [1000, 1, b""])):
         yield f"{name} of one field", body(kind, 1000), "dropped"
-        for what, datagram in of_each(kind, f"{name} whose t_us", fields, 0, TOO_BIG):
-            yield what, datagram, "dropped"
+        yield from of_each(kind, f"{name} whose t_us", fields, 0, TOO_BIG)
         bounds = {each: TOO_BIG[each] for each in TOO_BIG if each != "nil"}
-        for what, datagram in of_each(kind, f"{name} whose bound", fields, 2, bounds):
-            yield what, datagram, "dropped"
-    for what, datagram in of_each(FORCE, "force whose payload", [1000, ONE_NEWTON], 1, TOO_BIG):
-        yield what, datagram, "dropped"
+        yield from of_each(kind, f"{name} whose bound", fields, 2, bounds)
+    yield from of_each(FORCE, "force whose payload", [1000, ONE_NEWTON], 1, TOO_BIG)
     newest = {each: TOO_BIG[each] for each in TOO_BIG if each != "nil"}
-    for what, datagram in of_each(KEEPALIVE, "keepalive whose newest_force", [1000, 1], 1, newest):
-        yield what, datagram, "dropped"
+    yield from of_each(KEEPALIVE, "keepalive whose newest_force", [1000, 1], 1, newest)
     forces = {"no bytes": b"", "2 bytes": b"\0\0", "3 bytes": b"\0\0\0", "NaN": single(math.nan)}
     forces |= {"infinite": single(math.inf), "2e15 N": single(2e15), "1e308 N": struct.pack(">d", 1e308)}
-    for what, datagram in of_each(FORCE, "force whose payload", [1000, ONE_NEWTON], 1, forces):
-        yield what, datagram, "not applied"
+    yield from of_each(FORCE, "force whose payload", [1000, ONE_NEWTON], 1, forces, "not applied")
     yield from of_reason(NOTICE, "notice")
     yield "force as a denormal float64", body(FORCE, 1000, struct.pack(">d", 5e-324)), "taken"
     yield "force with fields of a later revision", body(FORCE, 1000, ONE_NEWTON, b"", 7), "taken"
 
 
-def to_both():
-    yield from of_reason(CLOSE, "close")
-
-
 def of_reason(kind, message):
     yield f"{message} of one field", body(kind, "done"), "dropped"
     reasons = {"nil": None, "bytes": b"done", "201 bytes": "x" * 201, "a new line": "a\nb", "an escape": "\x1b[2J"}
-    for what, datagram in of_each(kind, f"{message} whose reason", ["done", 0], 0, reasons):
-        yield what, datagram, "dropped"
-    for what, datagram in of_each(kind, f"{message} whose code", ["done", 0], 1, TOO_BIG):
-        yield what, datagram, "dropped"
+    yield from of_each(kind, f"{message} whose reason", ["done", 0], 0, reasons)
+    yield from of_each(kind, f"{message} whose code", ["done", 0], 1, TOO_BIG)
 
 
 NUMBERS = {"nil": None, "true": True, "text": "1", "NaN": math.nan, "infinite": math.inf}
 
 
-def changed(fields, at, values):
+def with_each(name, fields, at, values, outcome="dropped"):
     for what, value in values.items():
-        yield what, [*fields[:at], value, *fields[at + 1 :]]
+        yield f"{name} is {what}", [*fields[:at], value, *fields[at + 1 :]], outcome
+
+
+def by_repr(*values):
+    return {repr(value): value for value in values}
 
 
 def requests():
@@ -161,10 +152,9 @@ def requests():
     yield "a parameter that is a denormal", ["deadband", {"step_n": 5e-324}, *REQUEST[2:]], 3
     texts = {"nil": None, "bytes": b"x", "65 bytes": "x" * 65, "a new line": "a\nb"}
     for at, name in ((0, "codec"), (7, "name")):
-        for what, fields in changed(REQUEST, at, texts):
-            yield f"{name} is {what}", fields, "dropped"
-    for what, fields in changed(REQUEST, 1, {"nil": None, "an array": [], "a key of bytes": {b"x": 1.0}}):
-        yield f"parameters are {what}", fields, "dropped"
+        yield from with_each(name, REQUEST, at, texts)
+    for what, value in {"nil": None, "an array": [], "a key of bytes": {b"x": 1.0}}.items():
+        yield f"parameters are {what}", ["deadband", value, *REQUEST[2:]], "dropped"
     for what, value in NUMBERS.items():
         yield f"a parameter is {what}", ["deadband", {"step_n": value}, *REQUEST[2:]], "dropped"
     edges = {
@@ -175,24 +165,15 @@ def requests():
         (11, "position_share"): ([0.0, 0.01, 0.9], [-0.1, 5e-324, 0.009, 0.91, 1e308]),
     }
     for (at, name), (good, bad) in edges.items():
-        for what, fields in changed(REQUEST, at, NUMBERS):
-            yield f"{name} is {what}", fields, "dropped"
-        for value in good:
-            yield f"{name} is {value!r}", [*REQUEST[:at], value, *REQUEST[at + 1 :]], "taken"
-        for value in bad:
-            yield f"{name} is {value!r}", [*REQUEST[:at], value, *REQUEST[at + 1 :]], 3
-    for what, fields in changed(REQUEST, 6, NUMBERS | {"0": 0, "4": 4, "1.0": 1.0, "2^63": 2**63}):
-        yield f"axes is {what}", fields, "dropped"
-    for what, fields in changed(REQUEST, 6, {"2": 2, "3": 3}):
-        yield f"axes is {what}", fields, 4
-    for what, fields in changed(REQUEST, 8, {"15 bytes": TICKET[:15], "text": "sixteen bytes ok", "true": True}):
-        yield f"ticket is {what}", fields, "dropped"
-    for what, fields in changed(REQUEST, 9, NUMBERS | {"-1": -1, "2^53": 2**53, "1.0": 1.0}):
-        yield f"clock_us is {what}", fields, "dropped"
-    for what, fields in changed(REQUEST, 9, {"0": 0, "2^53 - 1": 2**53 - 1}):
-        yield f"clock_us is {what}", fields, "taken"
-    for what, fields in changed(REQUEST, 10, {"nil": None, "1": 1, "text": "yes"}):
-        yield f"announced is {what}", fields, "dropped"
+        yield from with_each(name, REQUEST, at, NUMBERS)
+        yield from with_each(name, REQUEST, at, by_repr(*good), "taken")
+        yield from with_each(name, REQUEST, at, by_repr(*bad), 3)
+    yield from with_each("axes", REQUEST, 6, NUMBERS | {"0": 0, "4": 4, "1.0": 1.0, "2^63": 2**63})
+    yield from with_each("axes", REQUEST, 6, {"2": 2, "3": 3}, 4)
+    yield from with_each("ticket", REQUEST, 8, {"15 bytes": TICKET[:15], "text": "sixteen bytes ok", "true": True})
+    yield from with_each("clock_us", REQUEST, 9, NUMBERS | {"-1": -1, "2^53": 2**53, "1.0": 1.0})
+    yield from with_each("clock_us", REQUEST, 9, {"0": 0, "2^53 - 1": 2**53 - 1}, "taken")
+    yield from with_each("announced", REQUEST, 10, {"nil": None, "1": 1, "text": "yes"})
 
 
 def grants():
@@ -201,35 +182,25 @@ def grants():
     yield "seven fields", GRANT[:7], "dropped"
     yield "announced, which was not asked for", [*GRANT[:6], True, 0.0], "dropped"
     yield "a share, which was not asked for", [*GRANT[:7], 0.25], "dropped"
-    for what, fields in changed(GRANT, 0, NUMBERS | {"0": 0, "2^32": 2**32}):
-        yield f"session is {what}", fields, "dropped"
-    for value in (20.0, 20, 1e5):
-        yield f"rate_hz is {value!r}", [SESSION, value, *GRANT[2:]], "taken"
-    bad = {repr(value): value for value in (0.0, -1000.0, 5e-324, 1e-302, 19.999, 100_001.0, 1e308)}
-    for what, fields in changed(GRANT, 1, NUMBERS | bad):
-        yield f"rate_hz is {what}", fields, "dropped"
-    for what, fields in changed(GRANT, 2, {"1000": 1000, "50000": 50_000}):
-        yield f"keepalive_us is {what}", fields, "taken"
+    yield from with_each("session", GRANT, 0, NUMBERS | {"0": 0, "2^32": 2**32})
+    yield from with_each("rate_hz", GRANT, 1, by_repr(20.0, 20, 1e5), "taken")
+    slow_or_fast = by_repr(0.0, -1000.0, 5e-324, 1e-302, 19.999, 100_001.0, 1e308)
+    yield from with_each("rate_hz", GRANT, 1, NUMBERS | slow_or_fast)
+    yield from with_each("keepalive_us", GRANT, 2, {"1000": 1000, "50000": 50_000}, "taken")
     late = {"0": 0, "999": 999, "50001": 50_001, "400000": 400_000, "45000.0": 45_000.0}
-    for what, fields in changed(GRANT, 2, NUMBERS | late):
-        yield f"keepalive_us is {what}", fields, "dropped"
-    for what, fields in changed(GRANT, 3, {"nil": None, "65 bytes": "x" * 65, "a new line": "a\nb"}):
-        yield f"scene is {what}", fields, "dropped"
-    for what, fields in changed(GRANT, 4, {"nil": None, "15 bytes": TICKET[:15], "text": "sixteen bytes ok"}):
-        yield f"ticket is {what}", fields, "dropped"
+    yield from with_each("keepalive_us", GRANT, 2, NUMBERS | late)
+    yield from with_each("scene", GRANT, 3, {"nil": None, "65 bytes": "x" * 65, "a new line": "a\nb"})
+    yield from with_each("ticket", GRANT, 4, {"nil": None, "15 bytes": TICKET[:15], "text": "sixteen bytes ok"})
     for at, name in ((5, "resumed"), (6, "announced")):
-        for what, fields in changed(GRANT, at, {"nil": None, "0": 0, "text": "no"}):
-            yield f"{name} is {what}", fields, "dropped"
-    bad = {repr(value): value for value in (-0.1, 5e-324, 0.009, 0.91)}
-    for what, fields in changed(GRANT, 7, NUMBERS | bad):
-        yield f"position_share is {what}", fields, "dropped"
+        yield from with_each(name, GRANT, at, {"nil": None, "0": 0, "text": "no"})
+    yield from with_each("position_share", GRANT, 7, NUMBERS | by_repr(-0.1, 5e-324, 0.009, 0.91))
 
 
 def document():
     datagrams = []
     for to, entries in (
-        ("master", [*frames(), *to_master(), *to_both()]),
-        ("slave", [*frames(), *to_slave(), *to_both()]),
+        ("master", [*frames(), *to_master(), *of_reason(CLOSE, "close")]),
+        ("slave", [*frames(), *to_slave(), *of_reason(CLOSE, "close")]),
     ):
         for name, datagram, outcome in entries:
             data = datagram if isinstance(datagram, bytes) else msgpack.packb(datagram)
