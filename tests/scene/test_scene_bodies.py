@@ -10,8 +10,7 @@ from hypothesis import strategies as st
 from hapticnet.errors import SampleError, SettingsError
 from hapticnet.samples import PositionSample, Vector
 from hapticnet.scene.bodies import LARGEST_FORCE_N, BodyScene
-from hapticnet.scene.settings import AnyBody, BodySceneSettings, Contact, Plane, Sphere
-from hapticnet.scene.sources import find_scene
+from hapticnet.scene.settings import AnyBody, Contact, Plane, Sphere
 
 K = 500.0
 
@@ -68,22 +67,15 @@ def test_bodies_act_in_parallel() -> None:
 # Friction -------------------------------------------------------------------------------------------------
 
 
-def test_a_tool_sticks_like_a_spring_until_the_cone_is_left_and_then_drags_its_share() -> None:
-    depth_m, friction = 0.004, 0.3
-    path_m = [(depth_m, 1e-5 * k, 0.0) for k in range(400)]
-    found = forces(plane(friction=friction), path_m)
-    expected = [K * min(1e-5 * k, friction * depth_m) for k in range(400)]
-    assert found[:, 1] == pytest.approx(expected, abs=1e-12)
-    assert found[:, 0] == pytest.approx(K * depth_m)
-
-
-def test_a_tool_that_turns_back_sticks_for_twice_the_length() -> None:
+def test_a_tool_sticks_like_a_spring_until_the_cone_is_left_and_on_the_way_back_for_twice_the_length() -> None:
     depth_m, friction = 0.004, 0.3
     out = [(depth_m, 1e-5 * k, 0.0) for k in range(300)]
-    back = [(depth_m, 1e-5 * (299 - k), 0.0) for k in range(300)]
-    tangential = forces(plane(friction=friction), out + back)[300:, 1]
-    expected = [max(K * (friction * depth_m - 1e-5 * k), -K * friction * depth_m) for k in range(300)]
-    assert tangential == pytest.approx(expected, abs=1e-9)
+    found = forces(plane(friction=friction), out + out[::-1])
+    dragged_n = K * friction * depth_m
+    expected = [min(K * 1e-5 * k, dragged_n) for k in range(300)]
+    expected += [max(dragged_n - K * 1e-5 * k, -dragged_n) for k in range(300)]
+    assert found[:, 1] == pytest.approx(expected, abs=1e-9)
+    assert found[:, 0] == pytest.approx(K * depth_m)
 
 
 def test_greater_static_friction_makes_the_tool_stick_and_slip_between_both_cones() -> None:
@@ -164,18 +156,6 @@ def test_a_plane_never_gives_more_energy_than_it_stores(path_m: list[Vector], fr
     first_j = 0.5 * found[0] @ found[0] / K
     stored_j = 0.5 * np.sum(found[1:] ** 2, axis=1) / K
     assert (work_j - stored_j + first_j >= -1e-12).all()
-
-
-def test_a_closed_way_over_a_sphere_with_friction_costs_energy() -> None:
-    turns = np.linspace(0.0, 6.0 * math.pi, 30_000)
-    path = np.column_stack([0.002 + 0.003 * np.sin(turns), 0.01 * np.cos(1.5 * turns), 0.01 * np.sin(0.5 * turns)])
-    path_m = [tuple(at) for at in path.tolist()]
-    work_j = [
-        float(np.sum((found[1:] + found[:-1]) / 2.0 * np.diff(path, axis=0)))
-        for found in (forces(ball(), path_m), forces(ball(friction=0.3), path_m))
-    ]
-    assert abs(work_j[0]) < 1e-4 * abs(work_j[1])
-    assert work_j[1] > 0.0
 
 
 # Hard inputs ----------------------------------------------------------------------------------------------
@@ -274,10 +254,3 @@ def test_contacts_and_depths_are_told_for_each_body() -> None:
 def test_settings_that_cannot_be_used_are_refused_with_the_value_seen(make, message: str) -> None:  # type: ignore[no-untyped-def]
     with pytest.raises(SettingsError, match=message):
         make()
-
-
-def test_the_phantom_presses_a_finger_with_forces_the_device_can_render() -> None:
-    phantom = find_scene("phantom")
-    assert isinstance(phantom, BodySceneSettings)
-    assert phantom.axes == 3
-    assert [body.name for body in phantom.bodies] == ["skin", "lump"]

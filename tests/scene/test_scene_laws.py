@@ -1,5 +1,3 @@
-import math
-
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -33,16 +31,9 @@ def moving(velocity_m_per_s: float) -> Needle:
     return needle
 
 
-def test_stiffening_starts_at_the_stiffness_and_grows_exponentially() -> None:
-    stiffening = tissue(stiffening_per_m=100.0)
-    assert force_n(stiffening, 1e-9) == pytest.approx(256e-9)
-    assert force_n(stiffening, 0.005) == pytest.approx(2.56 * (math.exp(0.5) - 1.0))
-    assert force_n(stiffening, stiffening.breach_depth_m * 1.0001) is None
-
-
-@pytest.mark.parametrize("depth_m", [8.0, 1e6, 1e15])
-def test_stiffening_does_not_overflow(depth_m: float) -> None:
-    assert force_n(tissue(stiffening_per_m=100.0), depth_m) is None
+def test_stiffening_does_not_overflow() -> None:
+    for depth_m in (8.0, 1e6, 1e15):
+        assert force_n(tissue(stiffening_per_m=100.0), depth_m) is None
 
 
 def test_viscosity_resists_indentation_and_does_not_pull_on_withdrawal() -> None:
@@ -50,34 +41,6 @@ def test_viscosity_resists_indentation_and_does_not_pull_on_withdrawal() -> None
     assert force_n(viscous, 2.0**-8, moving(0.1)) == pytest.approx(1.5)
     assert force_n(viscous, 2.0**-8, moving(-0.1)) == pytest.approx(0.5)
     assert force_n(viscous, 2.0**-8, moving(-1.0)) == 0.0
-
-
-def test_viscosity_does_not_affect_the_breach() -> None:
-    viscous = tissue(viscosity_n_s_per_m=5.0)
-    assert force_n(viscous, 2.0**-7, moving(1.0)) == pytest.approx(7.0)
-    assert force_n(viscous, math.nextafter(2.0**-7, 1.0), moving(-1.0)) is None
-
-
-def test_viscosity_does_not_act_before_the_surface_is_indented() -> None:
-    assert force_n(tissue(viscosity_n_s_per_m=5.0), 0.0, moving(1.0)) == 0.0
-
-
-def test_friction_rises_to_its_level_over_the_presliding_length() -> None:
-    assert shaft().slide(0.0) == 0.0
-    assert shaft().slide(PRESLIDING_M) == pytest.approx(FRICTION_N * (1.0 - 1.0 / math.e))
-    assert shaft().slide(1.0) == pytest.approx(FRICTION_N)
-
-
-def test_friction_holds_its_force_while_the_needle_is_still() -> None:
-    rubbing = shaft()
-    held_n = rubbing.slide(0.4e-3)
-    assert [rubbing.slide(0.4e-3) for _ in range(100)] == [held_n] * 100
-
-
-@given(st.lists(st.floats(-0.01, 0.01), min_size=1, max_size=50))
-def test_friction_is_bounded_by_its_level(path_m: list[float]) -> None:
-    rubbing = shaft()
-    assert all(abs(rubbing.slide(tip_m)) <= FRICTION_N for tip_m in path_m)
 
 
 @given(st.floats(-0.005, 0.005), st.integers(2, 50))

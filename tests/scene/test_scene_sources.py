@@ -133,19 +133,11 @@ def test_paths_are_relative_to_the_folder_of_the_list_that_names_them(tmp_path, 
 @pytest.mark.parametrize(
     ("spec", "error", "message"),
     [
-        (
-            "nowhere",
-            SettingsError,
-            "unknown scene 'nowhere'; choose from paper, .*FILE.py:CLASS or package.module:CLASS",
-        ),
+        ("nowhere", SettingsError, "unknown scene 'nowhere'; choose from paper, .*FILE.py:CLASS or package"),
         ("paper:red", SettingsError, "expected a whole number"),
         ("none.toml", FileError, "none.toml"),
         ("rig.py", SettingsError, r"name the class in the file too, as in rig.py:MyClass"),
-        (
-            "rig.py:Nothing",
-            SettingsError,
-            "rig.py defines no class 'Nothing'; it defines Spring, Robot, Sensitive, Closed",
-        ),
+        ("rig.py:Nothing", SettingsError, "rig.py defines no class 'Nothing'; it defines Spring, Robot, Sens"),
     ],
 )
 def test_what_is_not_there_is_named(spec, error, message):
@@ -171,21 +163,16 @@ def test_objects_given_to_the_library():
 
 
 def test_the_papers_scene_has_its_three_breach_forces_in_the_order_of_the_seed() -> None:
-    orders = {tuple(tissue.breach_force_n for tissue in paper_scene(seed).tissues) for seed in range(60)}
+    orders = set()
+    for seed in range(60):
+        tissues = paper_scene(seed).tissues
+        orders.add(tuple(tissue.breach_force_n for tissue in tissues))
+        assert [tissue.rest_position_m for tissue in tissues] == pytest.approx([0.02, 0.04, 0.06])
+        assert [tissue.breach_depth_m for tissue in tissues] == pytest.approx([0.01, 0.01, 0.01])
+        assert not any(tissue.depends_on_time or tissue.shaft_friction_n for tissue in tissues)
     assert len(orders) == 6
     assert {tuple(sorted(order)) for order in orders} == {(2.0, 3.5, 5.0)}
     assert paper_scene(7) == paper_scene(7)
-
-
-@pytest.mark.parametrize("seed", range(6))
-def test_each_of_the_papers_tissues_breaches_at_half_the_distance_to_the_next(seed: int) -> None:
-    tissues = paper_scene(seed).tissues
-    assert [tissue.rest_position_m for tissue in tissues] == pytest.approx([0.02, 0.04, 0.06])
-    assert [tissue.breach_depth_m for tissue in tissues] == pytest.approx([0.01, 0.01, 0.01])
-
-
-def test_the_papers_tissues_have_no_other_properties() -> None:
-    assert not any(tissue.depends_on_time or tissue.shaft_friction_n for tissue in paper_scene(0).tissues)
 
 
 def test_a_scene_is_found_by_name_seed_or_path(tmp_path: Path) -> None:
@@ -217,9 +204,6 @@ def test_the_scenes_of_the_documentation_can_be_read() -> None:
 def test_a_seed_that_is_not_a_whole_number_is_refused(spec: str) -> None:
     with pytest.raises(SettingsError, match="seed"):
         find_scene(spec)
-
-
-def test_a_negative_seed_is_refused() -> None:
     with pytest.raises(SettingsError, match="-1"):
         paper_scene(-1)
 
@@ -234,15 +218,7 @@ FORCE_N = np.array([[1.0, 0.0], [2.0, -1.0], [3.0, 0.5]])
 
 
 @pytest.mark.parametrize(
-    ("since_us", "force_n"),
-    [
-        (0, (1.0, 0.0)),
-        (999, (1.0, 0.0)),
-        (1000, (2.0, -1.0)),
-        (2999, (2.0, -1.0)),
-        (3000, (3.0, 0.5)),
-        (3001, (0.0, 0.0)),
-    ],
+    ("since_us", "force_n"), [(999, (1.0, 0.0)), (1000, (2.0, -1.0)), (3000, (3.0, 0.5)), (3001, (0.0, 0.0))]
 )
 def test_the_force_passes_in_time_from_the_first_position_on(since_us, force_n):
     scene = RecordedScene(T_US, FORCE_N, name="it")
@@ -320,23 +296,13 @@ def test_every_attribute_of_a_tissue_is_a_key() -> None:
 @pytest.mark.parametrize(
     ("old", "new", "message"),
     [
-        (
-            'name = "two"\n',
-            'name = "two"\nspeed = 1\n',
-            r"unknown key 'speed' .*the keys are name, tissue, plane, sphere",
-        ),
         ("shaft_friction_n", "friction_n", r"tissue 1: unknown key 'friction_n' .*; the keys are .*shaft_friction_n"),
         ("breach_force_n = 2.0\n", "", r"tissue 2: breach_force_n is missing"),
-        ('name = "two"\n', "", r"name is missing"),
         ("= 350", '= "350"', r"tissue 1: stiffness_n_per_m is '350'"),
-        ("= 350", "= true", r"tissue 1: stiffness_n_per_m is True"),
         ("= 350", "= nan", r"tissue 'back': stiffness_n_per_m is nan"),
-        ("= 350", "= -inf", r"tissue 'back': stiffness_n_per_m is -inf"),
-        ("= 350", "= 1e300", r"tissue 'back': stiffness_n_per_m is 1e\+300"),
         ("= 350", "= 1" + "0" * 400, r"tissue 1: stiffness_n_per_m is 10+\.\.\.0+; "),
         ("= 0.04", "= 0.02", r"tissues 'back' and 'front' both rest at 0.02 m"),
         (SCENE, 'name = "none"\ntissue = []', r"the scene has no tissue"),
-        (SCENE, 'name = "odd"\ntissue = [3]', r"tissue 1: the table is 3"),
         (SCENE, 'name = "odd"\ntissue = 3', r"tissue is 3"),
     ],
 )
@@ -350,9 +316,7 @@ def test_a_mistake_is_reported_in_one_line_with_file_and_key(old: str, new: str,
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ('name = "a"\n[[tissue]\n', r"line 2, column \d+"),
-        ('name = "a"\nother =', r"line 2, column 8"),
-        ('name = "a"\nname = "b"\n', r"line 2, column"),
+        ('name = "a"\n[[tissue]\n', r"line 2, column 9"),
         ("a = " + "1" * 5000, r"digits"),
         ("a = " + "[" * 5000, r"recursion"),
     ],
@@ -410,16 +374,9 @@ def test_tissues_and_bodies_in_one_scene_are_refused() -> None:
         parse_scene(SCENE + BODIES[BODIES.index("[[sphere]]") :], "both.toml")
 
 
-@pytest.mark.parametrize("content", [None, b'name = "\xff"'])
-def test_a_file_that_cannot_be_read_is_named(tmp_path: Path, content: bytes | None) -> None:
-    path = tmp_path / "odd.toml"
-    if content is not None:
-        path.write_bytes(content)
-    with pytest.raises(FileError, match=r"odd\.toml: "):
-        find_scene(str(path))
-
-
-def test_a_directory_is_refused(tmp_path: Path) -> None:
+def test_a_file_that_cannot_be_read_is_named(tmp_path: Path) -> None:
+    (tmp_path / "odd.toml").write_bytes(b'name = "\xff"')
     (tmp_path / "folder.toml").mkdir()
-    with pytest.raises(FileError, match="directory"):
-        find_scene(f"{tmp_path}/folder.toml")
+    for name, why in (("none", "No such file"), ("odd", ""), ("folder", "directory")):
+        with pytest.raises(FileError, match=rf"{name}\.toml.*{why}"):
+            find_scene(f"{tmp_path}/{name}.toml")
