@@ -35,18 +35,20 @@ def timed(draw):
     return np.cumsum(np.array(gaps, dtype=np.int64)), stimuli, positions
 
 
-def stream(codec: Codec, stimuli: np.ndarray) -> Encoding:
-    """Run the streaming pair over a recording."""
+def stream(codec: Codec, stimuli: np.ndarray, t_us: np.ndarray | None = None, apart_us: int = 0) -> Encoding:
+    """Run the streaming pair over a recording; the clock of the decoder is ahead by `apart_us`."""
     axes = stimuli.shape[1]
     encoder, decoder = codec.encoder(axes), codec.decoder(axes)
     sent, sizes, decoded = [], [], []
-    for index, row in enumerate(stimuli):
-        payload = encoder.encode(index, tuple(row.tolist()))
+    for index, (at_us, row) in enumerate(
+        zip(range(len(stimuli)) if t_us is None else t_us.tolist(), stimuli, strict=True)
+    ):
+        payload = encoder.encode(at_us, tuple(row.tolist()))
         if payload is not None:
-            decoder.decode(index, payload)
+            decoder.decode(at_us + apart_us, payload)
             sent.append(index)
             sizes.append(len(payload))
-        decoded.append(decoder.reconstruct(index))
+        decoded.append(decoder.reconstruct(at_us + apart_us))
     return Encoding(np.array(sent, np.int64), np.array(decoded).reshape(-1, axes), np.array(sizes, np.int64))
 
 

@@ -4,27 +4,19 @@ import math
 
 import numpy as np
 import pytest
-from codec_cases import assert_within_threshold, laws, recordings, steps, stream
-from hypothesis import example, given
+from codec_cases import laws, recordings, stream
+from hypothesis import given
 from hypothesis import strategies as st
 
 from hapticnet.codec.recording import encode_array
 from hapticnet.codec.registry import codec_parameters, every_codec, make_codec
 from hapticnet.codec.schemes.deadband import Deadband, DeadZone, silent_interval
 from hapticnet.codec.streams import IntervalEncoder, StepEncoder
-from hapticnet.errors import PeerError, SampleError, SettingsError
+from hapticnet.errors import SampleError, SettingsError
 from hapticnet.perception import WeberLaw
 from hapticnet_literature.level_crossing import LevelCrossing
 
 CODECS = every_codec()
-
-
-@given(recordings, laws, steps)
-@example(np.array([[0.1], [0.1 + 1e-17], [1e15], [-1e15]]), WeberLaw(weber_fraction=0.0, floor_n=1e-9), 0.0)
-@example(np.array([[1e-310], [0.0], [5e-324]]), WeberLaw(weber_fraction=0.0, floor_n=0.0), 0.0)
-@example(np.array([[1.0], [1.0255], [1.06]]), WeberLaw(), 0.05)
-def test_the_held_force_is_within_the_threshold_at_every_sample(stimuli, law, step_n):
-    assert_within_threshold(law, stimuli, stream(Deadband(law=law, step_n=step_n), stimuli).decoded)
 
 
 @given(st.floats(-1e15, 1e15), st.floats(0.0, 1e15))
@@ -69,31 +61,13 @@ def test_a_force_that_changes_sign_is_transmitted_when_it_leaves_the_threshold()
     assert encoding.sent.tolist() == [0, 1]
 
 
-def test_the_first_sample_is_always_sent_even_when_it_is_zero():
-    for axes in (1, 2, 3):
-        assert Deadband(law=WeberLaw(floor_n=1.0)).encoder(axes).encode(0, (0.0,) * axes) is not None
-
-
 @pytest.mark.parametrize("axes", [1, 2, 3])
 @pytest.mark.parametrize("name", sorted(CODECS))
 def test_refresh_makes_the_next_stimulus_a_transmitted_one(name, axes):
-    encoder = make_codec(name, WeberLaw()).encoder(axes)
-    encoder.encode(0, (1.0,) * axes)
+    encoder = make_codec(name, WeberLaw(floor_n=1.0)).encoder(axes)
+    assert encoder.encode(0, (0.0,) * axes) is not None, "the first sample is always sent"
     encoder.refresh()
-    assert encoder.encode(1, (1.0,) * axes) is not None
-
-
-@pytest.mark.parametrize("name", sorted(CODECS))
-@given(payload=st.binary(max_size=30), axes=st.integers(1, 3))
-def test_a_corrupt_payload_is_refused_or_finite_and_never_half_applied(name, payload, axes):
-    decoder = make_codec(name, WeberLaw()).decoder(axes)
-    before = decoder.reconstruct(0)
-    try:
-        decoder.decode(0, payload)
-    except PeerError:
-        assert decoder.reconstruct(0) == before
-    else:
-        assert all(abs(component) <= 1e15 for component in decoder.reconstruct(0))
+    assert encoder.encode(1, (0.0,) * axes) is not None
 
 
 def test_an_unknown_codec_or_parameter_is_refused_with_what_there_is():

@@ -3,6 +3,7 @@
 import math
 import struct
 import sys
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -12,7 +13,7 @@ from hapticnet.codec.plugins import rehearse
 from hapticnet.codec.recording import encode_array
 from hapticnet.codec.registry import CODECS, make_codec, parse_codec, register_installed_codecs, split_codec
 from hapticnet.errors import PeerError, SampleError, SettingsError
-from hapticnet.node.loopback import Loopback
+from hapticnet.node.settings import MasterSettings
 from hapticnet.perception import WeberLaw
 
 GOOD = '''
@@ -133,11 +134,8 @@ def test_two_codecs_of_one_name_are_refused():
         (("class Mine", "class Other"), "mine.py defines no class 'Mine'"),
         (("return struct", "return return"), "importing mine.py raised SyntaxError: invalid syntax"),
         (("import struct\n", "import struct\n1 / 0\n"), r"ZeroDivisionError: division by zero \(mine.py, line 3\)"),
-        (("return self.held", "raise SystemExit(3)"), r"raised SystemExit: 3"),
         (("import struct\n", "import struct\nraise SystemExit\n"), "importing mine.py raised SystemExit"),
-        (("import struct\n", "import no_such_thing\n"), "ModuleNotFoundError: No module named 'no_such_thing'"),
         (("@dataclass(frozen=True)", "@dataclass"), "not a frozen dataclass"),
-        (("@dataclass(frozen=True)\n", ""), "not a frozen dataclass"),
         (('name: ClassVar[str] = "mine"', ""), r"needs a class variable name: ClassVar\[str\]"),
         (("name: ClassVar[str]", "name: str"), r"needs a class variable name: ClassVar\[str\]"),
         (('"mine"', '"my codec"'), "name is 'my codec'; use 1 to 64 letters"),
@@ -146,35 +144,16 @@ def test_two_codecs_of_one_name_are_refused():
         (("share: float = 1.0", "share: float"), "mine.py raised TypeError"),
         (("share: float = 1.0", "share: str = 'a'"), "parameter share is 'a'; parameters are numbers"),
         (("def encoder", "def coder"), r"has no method encoder\(axes\)"),
-        (
-            ("share: float = 1.0", "share: float = 1.0\n    def __post_init__(self): self.x = 1"),
-            "making it raised dataclasses.Frozen",
-        ),
+        (("share: float = 1.0", "def __post_init__(self): self.x = 1"), "making it raised dataclasses.Frozen"),
         (("self.held = stimulus", "self.held = stimulus[3]"), "rehearsal with 1-axis forces raised IndexError"),
-        (
-            ('return struct.pack(f">{self.axes}d", *stimulus)', "return [1]"),
-            r"encode returned \[1\]; it must return bytes",
-        ),
+        (('struct.pack(f">{self.axes}d", *stimulus)', "[1]"), r"encode returned \[1\]; it must return bytes"),
         (('d", *stimulus)', 'd", *stimulus) * 1000'), "encode returned 8000 bytes; a payload has at most 1024"),
-        (
-            ("is not None:", "is None:\n            return None\n        else:"),
-            "must send the first sample; it returned None",
-        ),
+        (("is not None:", "is None:\n            return None\n        else:"), "must send the first sample; it ret"),
         (("self.held = None\n\nclass", "pass\n\nclass"), r"must send the first sample after refresh\(\)"),
-        (
-            ("return self.held", "return self.held + (0.0,)"),
-            r"reconstruct returned \(0.0, 0.0\); it must return 1 finite",
-        ),
-        (
-            ("return self.held", "return self.held[0]"),
-            "reconstruct returned 0.0; it must return 1 finite floats as a tuple",
-        ),
+        (("return self.held", "return self.held[0]"), "reconstruct returned 0.0; it must return 1 finite floats as"),
         (("return self.held", "return (float('nan'),)"), r"reconstruct returned \(nan,\)"),
         (("return Sender(self, axes)", "return SENDER"), "raised NameError: name 'SENDER' is not defined"),
-        (
-            ("return Receiver(axes)", "return Receiver(1)"),
-            r"reconstruct returned \(0.0,\); it must return 2 finite floats",
-        ),
+        (("Receiver(axes)", "Receiver(1)"), r"reconstruct returned \(0.0,\); it must return 2 finite floats"),
     ],
 )
 def test_a_broken_codec_is_refused_in_one_sentence(change, message):
@@ -239,19 +218,11 @@ def test_every_codec_of_hapticnet_passes_the_rehearsal(name):
     rehearse(CODECS[name](), name)
 
 
-class Point:
-    def __init__(self, name, value):
-        self.name, self.value = name, value
-
-
 def test_codecs_of_installed_packages_are_found_by_name(monkeypatch):
     load(GOOD, "package_of_codecs.py")
     registry._user_codecs.clear()
-    points = [
-        Point("mine", "package_of_codecs:Mine"),
-        Point("yours", "package_of_codecs:Mine"),
-        Point("x", "gone:Mine"),
-    ]
+    named = {"mine": "package_of_codecs:Mine", "yours": "package_of_codecs:Mine", "x": "gone:Mine"}
+    points = [SimpleNamespace(name=name, value=value) for name, value in named.items()]
     monkeypatch.setattr(plugins, "entry_points", lambda group: points if group == "hapticnet.codecs" else [])
     assert parse_codec("mine:share=2") == ("mine", {"share": 2.0})
     assert register_installed_codecs() == [
@@ -262,28 +233,9 @@ def test_codecs_of_installed_packages_are_found_by_name(monkeypatch):
         make_codec(*parse_codec("elsewhere")[:1], WeberLaw())
 
 
-def test_master_and_slave_speak_a_codec_of_a_user():
-    from hapticnet.channel.emulator import Emulator
-    from hapticnet.channel.spec import parse_channel
-    from hapticnet.node.master import MasterNode
-    from hapticnet.node.settings import MasterSettings, SlaveSettings
-    from hapticnet.node.slave import SlaveNode
-    from hapticnet.operator.scripted import InsertionSettings, ScriptedOperator
-    from hapticnet.scene.scene import Scene
-    from hapticnet.scene.sources import paper_scene
-
+def test_master_and_slave_speak_a_codec_of_a_user(loopback):
     load(GOOD)
-    rng = np.random.default_rng(1)
-    scene = paper_scene(seed=1)
-    link = Loopback(
-        MasterNode(
-            ScriptedOperator(InsertionSettings(insertions=1), rng), None,
-            MasterSettings(codec="mine", parameters={"share": 0.5}), rng,
-        ),
-        SlaveNode(lambda _: Scene(scene.tissues, name=scene.name), SlaveSettings(), rng),
-        forward=Emulator(parse_channel("perfect"), rng),
-        feedback=Emulator(parse_channel("perfect"), rng),
-    )  # fmt: skip
+    link = loopback(settings=MasterSettings(codec="mine", parameters={"share": 0.5}))
     link.run(3_000_000)
     (session,) = link.slave.report()["sessions"]
     assert session["codec"] == "mine"

@@ -2,8 +2,8 @@
 
 import numpy as np
 import pytest
-from codec_cases import anything, assert_same, haptic, laws, steps
-from hypothesis import given, settings
+from codec_cases import anything, assert_same, assert_within_threshold, haptic, laws, steps, stream
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as npst
 
@@ -16,6 +16,7 @@ from hapticnet.codec.schemes.linear_predictive import LinearPredictive
 from hapticnet.codec.schemes.motion_predictive import MotionPredictive
 from hapticnet.codec.schemes.raw import Raw
 from hapticnet.errors import SampleError
+from hapticnet.perception import WeberLaw
 from hapticnet_literature.least_squares import LeastSquares
 from hapticnet_literature.level_crossing import LevelCrossing
 from hapticnet_literature.merging import Merging
@@ -107,12 +108,39 @@ def moving(draw, axes):
     walks = st.one_of(st.lists(st.just(1000), **lists), st.lists(gaps, **lists)).map(np.cumsum)
     t_us = draw(st.one_of(walks, st.lists(any_time, **lists)))
     stimuli = draw(npst.arrays(np.float64, (samples, axes), elements=forces))
+    if draw(st.booleans()):  # so that lines and curves hold for a while, with a jump now and then
+        stimuli = np.cumsum(0.01 * np.clip(stimuli, -20.0, 20.0), axis=0)
+        stimuli[samples // 2 :] += draw(st.sampled_from([0.0, 3.0, -1e5]))
     positions = draw(st.one_of(st.none(), npst.arrays(np.float64, (samples, axes), elements=places)))
     return np.array(t_us, dtype=np.int64), stimuli, positions
 
 
 def test_every_registered_codec_is_tried():
     assert {codec.name for codec in made} == set(CODECS)
+
+
+def column(*forces_n):
+    return 1000 * np.arange(len(forces_n)), np.array(forces_n)[:, np.newaxis], None
+
+
+@pytest.mark.parametrize("codec", [codec for codec in made if codec not in (Raw, Merging)])
+def test_the_applied_force_is_within_the_threshold_at_every_sample_whatever_the_clocks(codec):
+    @settings(max_examples=60)
+    @given(codec=made[codec], given=st.integers(1, 3).flatmap(moving))
+    @example(codec(), (np.arange(4), np.array([[1e15], [1e15], [-1e15], [1e15]]), np.full((4, 1), -1e15)))
+    @example(codec(law=WeberLaw(floor_n=0)), column(1e-310, 5e-324, 0.0, 1e-310, -1e15))
+    @example(codec(), column(0.1, 0.1 + 1e-17, 0.025, 0.0250000001, -0.025, 1.0, 1.0255, 1.06, 1e15))
+    @example(codec(law=WeberLaw(weber_fraction=0.25, floor_n=0.0, multiplier=2.0)), column(0.0, 9e14, 0.0, 5e-278))
+    def check(codec, given):
+        t_us, stimuli, positions = given
+        encoding = encode_array(codec, t_us, stimuli)
+        assert_within_threshold(codec.law, stimuli, encoding.decoded)
+        assert np.abs(encoding.decoded).max(initial=0.0) <= 1e15
+        assert_same(encoding, stream(codec, stimuli, t_us, apart_us=2**40))
+        if codec.name == "motion-predictive":
+            assert_within_threshold(codec.law, stimuli, encode_array(codec, t_us, stimuli, positions).decoded)
+
+    check()
 
 
 @pytest.mark.parametrize("axes", [1, 3])
@@ -148,8 +176,9 @@ def test_both_refuse_the_same_sample(codec, bad, compiled):
 @pytest.mark.parametrize("codec", [codec for codec in made if codec.needs_position])
 def test_a_position_out_of_range_is_refused(codec, compiled):
     t_us, stimuli = np.arange(3) * 1000, np.ones(3)
-    with pytest.raises(SampleError, match="sample 1: position is"):
-        compiled(codec(), t_us, stimuli, np.array([0.0, np.nan, 0.0]))
+    for encode in (encode_streamed, compiled):
+        with pytest.raises(SampleError, match="sample 1: position is"):
+            encode(codec(), t_us, stimuli, np.array([0.0, np.nan, 0.0]))
 
 
 def test_times_and_positions_must_fit_the_samples():

@@ -9,7 +9,6 @@ from hypothesis import strategies as st
 from hapticnet.codec.recording import encode_array
 from hapticnet.codec.schemes.deadband import Deadband
 from hapticnet.codec.streams import table_of_rows
-from hapticnet.errors import SampleError, SettingsError
 from hapticnet.perception import WeberLaw
 from hapticnet.vectors import magnitude
 from hapticnet_literature.velocity_adaptive import VelocityAdaptive, start, watch
@@ -112,32 +111,6 @@ def test_a_hand_in_motion_costs_fewer_packets_than_one_at_rest(axes):
     positions = 0.05 * np.sin(4.0 * t_us[:, np.newaxis] * 1e-6) + np.zeros((1, axes))
     moving, still = (encode_array(VelocityAdaptive(), t_us, stimuli, where) for where in (positions, None))
     assert len(moving.sent) < 0.75 * len(still.sent)
-
-
-@pytest.mark.parametrize("bad", [math.nan, math.inf, -1e300])
-def test_a_position_that_is_not_finite_or_out_of_range_is_refused_and_leaves_the_encoder_usable(bad):
-    encoder = VelocityAdaptive().encoder(2)
-    encoder.encode(0, (1.0, 1.0), (0.0, 0.0))
-    with pytest.raises(SampleError, match="position is"):
-        encoder.encode(1 * MS, (1.0, 1.0), (0.0, bad))
-    assert encoder.encode(2 * MS, (1.0, 1.0), (0.0, 0.0)) is None
-    assert encoder.encode(3 * MS, (2.0, 1.0), (0.0, 0.0)) is not None
-
-
-@pytest.mark.parametrize(
-    "parameters", [{"speed_gain_s_m": -1.0}, {"largest_fraction": 1.1}, {"time_constant_ms": math.nan}, {"step_n": 2.0}]
-)
-def test_parameters_that_cannot_be_used_are_refused(parameters):
-    with pytest.raises(SettingsError, match=f"{next(iter(parameters))} is"):
-        VelocityAdaptive(**parameters)
-
-
-def test_the_first_sample_is_sent_and_so_is_the_one_after_a_refresh():
-    encoder = VelocityAdaptive().encoder(1)
-    assert encoder.encode(0, (0.0,), (0.0,)) is not None
-    assert encoder.encode(MS, (0.0,), (0.0,)) is None
-    encoder.refresh()
-    assert encoder.encode(2 * MS, (0.0,), (0.0,)) is not None
 
 
 def test_without_its_position_a_moving_hand_counts_as_at_rest():
