@@ -19,21 +19,14 @@ def burst_lengths(lost):
     return np.array([len(list(group)) for is_lost, group in itertools.groupby(lost.tolist()) if is_lost])
 
 
-@pytest.mark.parametrize("probability", [0.001, 0.02, 0.5])
+@pytest.mark.parametrize("probability", [0.0, 0.001, 0.2, 1.0])
 def test_bernoulli_loses_its_share(probability):
     # Four standard errors of a binomial share.
     tolerance = 4.0 * math.sqrt(probability * (1.0 - probability) / PACKETS)
-    assert fates(BernoulliLoss(probability)).mean() == pytest.approx(probability, abs=tolerance)
-
-
-def test_bernoulli_is_exact_at_both_ends():
-    assert not fates(BernoulliLoss(0.0)).any()
-    assert fates(BernoulliLoss(1.0)).all()
-
-
-def test_bernoulli_losses_are_independent():
-    lost = fates(BernoulliLoss(0.2))
-    assert burst_lengths(lost).mean() == pytest.approx(1.0 / 0.8, rel=0.02)
+    lost = fates(BernoulliLoss(probability))
+    assert lost.mean() == pytest.approx(probability, abs=tolerance)
+    if probability == 0.2:  # losses are independent
+        assert burst_lengths(lost).mean() == pytest.approx(1.0 / 0.8, rel=0.02)
 
 
 def test_gilbert_elliott_mean_is_its_stationary_loss_rate():
@@ -92,6 +85,8 @@ def test_a_pattern_is_repeated():
 def test_jitter_has_its_deviation_and_mean_and_is_never_negative(jitter, mean_in_deviations):
     delays_us = np.fromiter(itertools.islice(jitter.delays_us(np.random.default_rng(1)), PACKETS), dtype=float)
     assert delays_us.min() >= 0.0
+    if jitter.distribution == "uniform":
+        assert delays_us.max() == pytest.approx(2.0 * math.sqrt(3.0) * 5000.0, abs=5.0)
     assert delays_us.mean() == pytest.approx(5000.0 * mean_in_deviations, rel=0.01)
     # The fourth moment of a Pareto distribution of shape 3 does not exist: its sample deviation settles slowly.
     assert delays_us.std() == pytest.approx(5000.0, rel=0.15 if jitter.shape == 3.0 else 0.02)
@@ -104,9 +99,3 @@ def test_pareto_jitter_has_the_tail_of_its_shape():
     for multiple in (1.0, 3.0, 10.0):
         survival = (1.0 + multiple) ** -2.5
         assert (delays_us > multiple * scale_us).mean() == pytest.approx(survival, rel=0.1)
-
-
-def test_uniform_jitter_ends_at_its_width():
-    jitter = Jitter(distribution="uniform", deviation_us=1000)
-    delays_us = list(itertools.islice(jitter.delays_us(np.random.default_rng(1)), PACKETS))
-    assert 3460 <= max(delays_us) <= 3465

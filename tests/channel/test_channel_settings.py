@@ -79,9 +79,7 @@ def test_every_part_is_understood():
     [
         ("loss=0.02", BernoulliLoss(0.02)),
         ("loss=57%", BernoulliLoss(0.57)),
-        ("loss=100%", BernoulliLoss(1.0)),
         ("loss=gilbert:1%,30%", GilbertElliottLoss(0.01, 0.3)),
-        ("loss=gilbert:0.01,0.3,0.5,0.99", GilbertElliottLoss(0.01, 0.3, 0.5, 0.99)),
         ("loss=pattern:0010110", PatternLoss("0010110")),
     ],
 )
@@ -115,59 +113,40 @@ def test_parts_after_a_preset_replace_its_parts():
         wifi.jitter,
         wifi.rate_bit_per_s,
     )
+    without = "satellite,delay=none,jitter=none,loss=none,reorder=none,duplicate=none,rate=none,queue=none"
+    assert parse_channel(without) == ChannelSettings()
     free = parse_channel("wifi,order=free").jitter
     assert free is not None
     assert not free.keeps_order
-
-
-def test_none_removes_a_part_of_a_preset():
-    spec = "satellite,delay=none,jitter=none,loss=none,reorder=none,duplicate=none,rate=none,queue=none"
-    assert parse_channel(spec) == ChannelSettings()
 
 
 @pytest.mark.parametrize(
     ("spec", "names", "allows"),
     [
         ("", '""', "perfect, lan, wifi, 4g, transatlantic, satellite"),
-        ("wfi", '"wfi"', "perfect, lan, wifi, 4g, transatlantic, satellite"),
         ("wifi,", '""', "delay, jitter, order, loss, reorder, duplicate, rate, queue"),
-        ("speed=3", '"speed=3"', "delay, jitter, order, loss, reorder, duplicate, rate, queue"),
         ("delay=1ms,wifi", '"wifi"', "delay, jitter, order, loss, reorder, duplicate, rate, queue"),
         ("delay=1ms,delay=2ms", '"delay"', "given twice, as 1ms and 2ms"),
         ("delay=20", '"20"', "us, ms or s"),
-        ("delay=20min", '"20min"', "us, ms or s"),
         ("delay=-5ms", '"-5ms"', "up to 3600s"),
         ("delay=1e300ms", '"1e300ms"', "up to 3600s"),
-        ("delay=1e999s", '"1e999s"', "up to 3600s"),
-        ("delay=nan", '"nan"', "us, ms or s"),
-        ("delay=infms", '"infms"', "us, ms or s"),
-        ("delay=", '""', "us, ms or s"),
         ("delay=١ms", '"١ms"', "us, ms or s"),
-        ("loss=2", '"2"', "2% or 0.02"),
         ("loss=101%", '"101%"', "from 0% to 100%"),
-        ("loss=-1%", '"-1%"', "from 0% to 100%"),
-        ("loss=nan%", '"nan%"', "from 0% to 100%"),
         ("loss=burst:3", '"burst:3"', "gilbert:p,r"),
         ("loss=gilbert:1%", '"gilbert:1%"', "gilbert:p,r"),
-        ("loss=gilbert:1%,2%,3%,4%,5%", '"gilbert:1%,2%,3%,4%,5%"', "gilbert:p,r"),
         ("loss=gilbert:0,0", "p and r", "never change"),
-        ("loss=pattern:", '""', "such as 0010110"),
         ("loss=pattern:0120", '"0120"', "such as 0010110"),
+        ("loss=pattern:" + "2" * 10_000, '"222', "such as 0010110"),
         ("jitter=5ms", '"5ms"', "normal:5ms, uniform:5ms or pareto:5ms"),
         ("jitter=normal:5ms:3", '"normal:5ms:3"', "normal:5ms, uniform:5ms or pareto:5ms"),
-        ("jitter=gauss:5ms", '"gauss:5ms"', "normal:5ms, uniform:5ms or pareto:5ms"),
         ("jitter=pareto:5ms:2", "shape is 2.0", "above 2"),
-        ("jitter=pareto:5ms:nan", "shape is nan", "above 2"),
         ("jitter=pareto:5ms:3%", '"3%"', "bare number"),
         ("order=free", "order=free", "jitter=normal:5ms"),
         ("wifi,jitter=none,order=free", "order=free", "jitter=normal:5ms"),
         ("wifi,order=random", '"random"', "keep nor free"),
         ("reorder=1%:0ms", "hold_back_us is 0", "between 1 and"),
-        ("reorder=1%:", '""', "us, ms or s"),
-        ("rate=0Mbit/s", "rate_bit_per_s is 0", "between 1 and"),
         ("rate=1Mbps", '"1mbps"', "bit/s, kbit/s, Mbit/s or Gbit/s"),
         ("rate=2Tbit/s", '"2tbit/s"', "up to 1000Gbit/s"),
-        ("queue=0ms", "queue_us is 0", "between 1 and"),
     ],
 )
 def test_a_bad_part_is_named_with_what_is_allowed_in_one_line(spec, names, allows):
@@ -179,12 +158,6 @@ def test_a_bad_part_is_named_with_what_is_allowed_in_one_line(spec, names, allow
     assert allows in message
     assert "\n" not in message
     assert len(message) < 300
-
-
-def test_a_long_bad_part_does_not_flood_the_message():
-    with pytest.raises(SettingsError) as caught:
-        parse_channel("loss=pattern:" + "2" * 10_000)
-    assert len(str(caught.value)) < 300
 
 
 @given(st.text(alphabet="delayjitrosnc=,:%.0123456789+-e/Mµb "))
@@ -222,16 +195,11 @@ def test_only_pareto_has_a_shape_and_only_known_distributions_exist():
         Jitter(distribution="cauchy", deviation_us=1)  # type: ignore[arg-type]
 
 
-@pytest.mark.parametrize("spec", ["perfect", "loss=0%", "loss=pattern:00", "jitter=normal:0ms", "queue=1ms"])
-def test_a_channel_that_does_nothing_is_perfect(spec):
-    assert parse_channel(spec).is_perfect
-
-
-@pytest.mark.parametrize(
-    "spec", ["delay=1us", "jitter=normal:1us", "loss=pattern:0001", "reorder=1%", "duplicate=1%", "rate=1Gbit/s", "lan"]
-)
-def test_a_channel_that_does_something_is_not_perfect(spec):
-    assert not parse_channel(spec).is_perfect
+def test_only_a_channel_that_does_nothing_is_perfect():
+    for spec in ("perfect", "loss=0%", "loss=pattern:00", "jitter=normal:0ms", "queue=1ms"):
+        assert parse_channel(spec).is_perfect
+    for spec in ("delay=1us", "jitter=normal:1us", "loss=pattern:0001", "reorder=1%", "duplicate=1%", "rate=1Gbit/s"):
+        assert not parse_channel(spec).is_perfect
 
 
 def test_presets_are_ordered_by_delay_and_name_their_source():
