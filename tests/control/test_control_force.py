@@ -92,18 +92,15 @@ def test_the_loop_settles_on_the_target_for_any_finger(stiffness_n_m: float, tar
     assert finger(trace[-1]) == pytest.approx(min(target_n, 0.0130 * stiffness_n_m), abs=0.1)
 
 
-@pytest.mark.parametrize("sensed_n", [math.nan, math.inf, -math.inf, 1e300, -1e300])
-def test_a_reading_out_of_range_retracts_at_once(sensed_n: float) -> None:
+@pytest.mark.parametrize(
+    ("sensed_n", "stood_m"),
+    [(each, 0.003) for each in (math.nan, math.inf, -math.inf, 1e300, -1e300)]
+    + [(1.0, each) for each in (math.nan, math.inf, -2.0)],
+)
+def test_a_reading_or_a_position_out_of_range_retracts_at_once(sensed_n: float, stood_m: float) -> None:
     controller = ForceController(SETTINGS)
     assert run(controller, 1.0, spring(1000.0))[-1] > 0.002
-    assert controller.update(1.0, sensed_n, 0.003, 3_000_001) == 0.0
-
-
-@pytest.mark.parametrize("stood_m", [math.nan, math.inf, -2.0])
-def test_a_position_out_of_range_retracts_at_once(stood_m: float) -> None:
-    controller = ForceController(SETTINGS)
-    run(controller, 1.0, spring(1000.0))
-    assert controller.update(1.0, 1.0, stood_m, 3_000_001) == 0.0
+    assert controller.update(1.0, sensed_n, stood_m, 3_000_001) == 0.0
 
 
 def test_a_target_that_is_not_finite_releases_the_finger() -> None:
@@ -251,21 +248,25 @@ def test_a_changing_reading_is_not_a_stuck_sensor(stiffness_n_m: float) -> None:
     assert moving(SensorWatch(), from_m=0.003, speed_m=1e-5, force_n=0.5, rise_n_m=stiffness_n_m) is None
 
 
-def test_a_constant_reading_at_rest_is_not_a_fault() -> None:
+@pytest.mark.parametrize(
+    "shown",
+    [
+        pytest.param([(True, 1.0, 0.003)] * 10_000, id="a constant reading at rest"),
+        pytest.param([(False, 0.0, 1e-4 * period) for period in range(PERIODS)], id="no touch"),
+        pytest.param(
+            [
+                (True, 1.0 + 1.5 * ANSWER_N * (turn % 2), 1e-3 * turn + 1e-5 * k)
+                for turn in range(20)
+                for k in range(45)
+            ],
+            id="a change of the reading restarts the watch",
+        ),
+        pytest.param([(True, 1.0 + 2.0 * (k % 20 == 0), 0.003) for k in range(1_000)], id="occasional jumps"),
+    ],
+)
+def test_what_a_good_sensor_may_show_is_no_fault(shown: list[tuple[bool, float, float]]) -> None:
     watch = SensorWatch()
-    assert not any(watch.check(True, 1.0, 0.003, 1e-3) for _ in range(10_000))
-
-
-def test_no_touch_is_not_a_fault() -> None:
-    watch = SensorWatch()
-    assert not any(watch.check(False, 0.0, 1e-4 * period, 1e-3) for period in range(PERIODS))
-
-
-def test_a_change_of_the_reading_restarts_the_watch() -> None:
-    watch = SensorWatch()
-    for turn in range(20):
-        force_n = 1.0 + 1.5 * ANSWER_N * (turn % 2)
-        assert not any(watch.check(True, force_n, 1e-3 * turn + 1e-5 * step, 1e-3) for step in range(45))
+    assert not any(watch.check(touching, force_n, at_m, 1e-3) for touching, force_n, at_m in shown)
 
 
 @pytest.mark.parametrize("jump_n", [2.0 * JUMP_N, 3.0])
@@ -275,12 +276,6 @@ def test_an_oscillating_force_is_an_open_input(jump_n: float) -> None:
     assert complaints[:4] == [None] * 4
     assert complaints[4] is not None
     assert "connected" in complaints[4]
-
-
-def test_occasional_jumps_are_not_an_open_input() -> None:
-    watch = SensorWatch()
-    forces_n = [1.0 + 2.0 * (period % 20 == 0) for period in range(1_000)]
-    assert not any(watch.check(True, force_n, 0.003, 1e-3) for force_n in forces_n)
 
 
 def test_a_constant_reading_limits_the_motion_of_the_platform() -> None:

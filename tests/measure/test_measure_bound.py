@@ -112,16 +112,13 @@ def test_no_holds_are_fewer_than_the_fewest(stimuli, law):
     assert fewest >= dynamic_programme(len(values), one_value_fits(law, values, SLACK))
 
 
-@given(recordings(1), laws)
-def test_plain_deadband_never_sends_less_than_the_fewest_holds(stimuli, law):
-    assert fewest_holds(law, stimuli) <= len(encode_array(Deadband(law=law), np.arange(len(stimuli)), stimuli).sent)
-
-
-@given(st.integers(2, 3).flatmap(recordings), laws)
-def test_in_several_axes_plain_deadband_never_sends_less_than_the_bound(stimuli, law):
-    sent = encode_array(Deadband(law=law), np.arange(len(stimuli)), stimuli).sent
-    assert fewest_lines(law, np.arange(len(stimuli)), stimuli) <= len(sent)
-    assert fewest_holds(law, stimuli) <= len(sent)
+@given(st.integers(1, 3).flatmap(recordings), laws)
+def test_plain_deadband_never_sends_less_than_the_bound_and_lines_are_never_more_than_holds(stimuli, law):
+    t_us = np.arange(len(stimuli)) * 1000
+    lines, holds = fewest_lines(law, t_us, stimuli), fewest_holds(law, stimuli)
+    sent = len(encode_array(Deadband(law=law), t_us, stimuli).sent)
+    assert max(lines, holds) <= sent
+    assert lines <= holds or stimuli.shape[1] > 1
 
 
 @pytest.mark.parametrize(
@@ -186,11 +183,6 @@ def test_longest_lines_of_whole_numbers_equal_those_of_all_pairs(order, half):
     stimuli = values.astype(np.float64)[:, np.newaxis]
     law = WeberLaw(weber_fraction=0.0, floor_n=float(half))
     assert line_starts(law, np.arange(len(values)), stimuli).tolist() == starts
-
-
-@given(recordings(1), laws)
-def test_lines_are_never_more_than_holds(stimuli, law):
-    assert fewest_lines(law, np.arange(len(stimuli)) * 1000, stimuli) <= fewest_holds(law, stimuli)
 
 
 def test_a_ramp_is_one_line_and_a_corner_a_second_one():

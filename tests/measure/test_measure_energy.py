@@ -62,9 +62,8 @@ def test_a_force_that_outlives_a_breach_does_not_pay_for_what_a_later_contact_cr
 
 
 def test_each_contact_counts_as_often_as_it_is_made():
-    one, three = (
-        energy_report(LAW, force, late(force, 100), position) for force, position in (pressed(), pressed(times=3))
-    )
+    made = pressed(), pressed(times=3)
+    one, three = (energy_report(LAW, force, late(force, 100), position) for force, position in made)
     assert three.created_j == pytest.approx(3 * one.created_j, rel=0.01)
     assert three.created_share == pytest.approx(one.created_share, rel=0.01)
 

@@ -86,7 +86,7 @@ def test_is_never_faster_than_its_bound_nor_outside_its_range(moves: list[tuple[
         before_m = after_m
 
 
-def test_a_silent_hand_stops_where_it_is():
+def test_a_silent_hand_stops_where_it_is_and_goes_on_when_it_speaks_again():
     person = person_with_hand()
     person.hand.move(0.05)  # it needs 0.9 s for this
     person.wait(0.3)
@@ -96,11 +96,6 @@ def test_a_silent_hand_stops_where_it_is():
     assert 0 < person.path_m[-1] - moving_m < 0.003
     assert person.speeds_m_per_s[-1] < 1e-6
     assert min(np.diff(person.path_m)) >= 0  # it does not come back
-
-
-def test_a_hand_that_speaks_again_goes_on():
-    person = person_with_hand().stay(0.03, 1.0).wait(0.5)
-    assert person.hand.state is HandState.HOLDING
     person.stay(0.04, 1.0)
     assert person.hand.state is HandState.LIVE
     assert person.path_m[-1] == pytest.approx(0.04, abs=1e-6)
@@ -116,24 +111,17 @@ def test_a_hand_that_stays_silent_is_withdrawn_and_free():
     assert person.speeds_m_per_s.max() <= 0.06 + 1e-9
 
 
-def test_a_release_withdraws_at_the_bounded_speed():
+def test_a_release_withdraws_at_the_bounded_speed_until_the_hand_is_taken_again():
     person = person_with_hand().stay(0.05, 1.5)
     person.hand.release()
-    person.wait(0.5)
-    assert person.path_m[-1] == pytest.approx(0.05 - 0.06 * 0.5, abs=0.003)
-    person.wait(1.0)
-    assert person.hand.state is HandState.FREE
-
-
-def test_who_takes_the_hand_while_it_is_withdrawn_has_it_where_it_is():
-    person = person_with_hand().stay(0.05, 1.5)
-    person.hand.release()
-    person.wait(0.3)
-    taken_m = person.path_m[-1]
+    taken_m = person.wait(0.5).path_m[-1]
+    assert taken_m == pytest.approx(0.05 - 0.06 * 0.5, abs=0.003)
     person.hand.take()
     person.wait(0.2)
     assert person.hand.state is HandState.LIVE
     assert 0 <= taken_m - person.path_m[-1] < 0.003
+    person.hand.release()
+    assert person.wait(1.0).hand.state is HandState.FREE
 
 
 def test_a_hand_nobody_took_does_not_move():
@@ -165,19 +153,13 @@ def test_a_new_range_is_reached_at_the_bounded_speed():
     assert person.speeds_m_per_s.max() <= 0.06 + 1e-9
 
 
-@pytest.mark.parametrize("wrong", [{"speed_m_per_s": math.nan}, {"time_constant_us": 0}, {"deepest_m": -1.0}])
-def test_settings_out_of_range_are_refused(wrong: dict[str, float]):
-    with pytest.raises(SettingsError, match="must be between"):
-        LiveHandSettings(**wrong)
-
-
-def test_an_empty_range_is_refused():
-    with pytest.raises(SettingsError, match="must not be empty"):
-        LiveHand().set_range(0.1, 0.1)
-
-
-def test_nan_is_refused_and_changes_nothing():
+def test_settings_out_of_range_and_nan_are_refused_and_change_nothing():
+    for wrong in ({"speed_m_per_s": math.nan}, {"time_constant_us": 0}, {"deepest_m": -1.0}):
+        with pytest.raises(SettingsError, match="must be between"):
+            LiveHandSettings(**wrong)
     person = person_with_hand().stay(0.03, 1.0)
+    with pytest.raises(SettingsError, match="must not be empty"):
+        person.hand.set_range(0.1, 0.1)
     with pytest.raises(SampleError, match="NaN"):
         person.hand.move(math.nan)
     assert person.wait(0.1).path_m[-1] == pytest.approx(0.03, abs=1e-4)

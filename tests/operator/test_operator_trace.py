@@ -26,11 +26,11 @@ def trace_file(tmp_path):
     return write
 
 
-def test_time_starts_at_the_first_sample():
+def test_time_starts_at_the_first_sample_on_up_to_three_axes():
     epoch_s = 1.7e9
-    operator = make([epoch_s, epoch_s + 1.0], [1.0, 2.0])
-    assert operator.duration_us == 1_000_000
-    assert operator.sample(500_000).position_m == pytest.approx((1.5,))
+    operator = make([epoch_s, epoch_s + 1.0], [0.0, 1.0], [0.0, 10.0], [5.0, 5.0])
+    assert (operator.axes, operator.duration_us) == (3, 1_000_000)
+    assert operator.sample(500_000).position_m == pytest.approx((0.5, 5.0, 5.0))
 
 
 @pytest.mark.parametrize(
@@ -45,12 +45,6 @@ def test_a_loop_starts_again_and_has_no_duration():
     assert operator.duration_us is None
     for t_us in range(0, 2_000_000, 123_457):
         assert operator.sample(t_us + 6_000_000) == (t_us + 6_000_000, operator.sample(t_us).position_m)
-
-
-def test_a_trace_has_up_to_three_axes():
-    operator = make([0.0, 1.0], [0.0, 1.0], [0.0, 10.0], [5.0, 5.0])
-    assert operator.axes == 3
-    assert operator.sample(500_000).position_m == pytest.approx((0.5, 5.0, 5.0))
 
 
 @given(
@@ -74,7 +68,6 @@ def test_a_position_lies_between_its_neighbours_at_any_time(steps, t_us, loop):
         ([0.0], [1.0], "1 samples"),
         ([], [], "0 samples"),
         ([0.0, 1.0, 0.5], [1.0, 2.0, 3.0], "sample 2: time 500000 us follows 1000000 us"),
-        ([0.0, 1.0, 1.0], [1.0, 2.0, 3.0], "expected 1 us later or more"),
         ([0.0, 1.0, 1.0000001], [1.0, 2.0, 3.0], "expected 1 us later or more"),
         ([0.0, 1.0], [1.0, math.inf], "sample 1: position is inf m"),
         ([0.0, 1.0], [1e300, 1.0], r"sample 0: position is 1e\+300 m; it must be within ±1e\+15 m"),
@@ -120,11 +113,8 @@ def test_units_other_columns_and_looping_can_be_chosen(trace_file):
     [
         ("t_s,x,y\n0,1,1\n1,2,1\n", r"which column\? there are t_s, x, y"),
         ("t_s,position_m\n0,1\n# c\n1,nan\n", 'line 4, column "position_m": no number'),
-        ("t_s,position_m\n0,1\n\n1,2\n0.5,3\n", "time runs backwards"),
         ("t_s,position_m\n0,1\n\n1,2\n1,3\n", "trace sample 2: time 1000000 us follows 1000000 us"),
-        ("t_s,position_m\n0,1\n1,1e300\n", r"position is 1e\+300 m"),
         ("t_s,position_m\n0,1\n1e15,1\n", "times up to 1e"),
-        ("t_s,position_m\n0,1\n", "1 samples"),
     ],
 )
 def test_a_file_that_cannot_be_played_is_refused(trace_file, content, message):
