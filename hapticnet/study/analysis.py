@@ -188,10 +188,9 @@ class Results:
 def analyse(rows: Sequence[OrderRow], *, margin: float = MARGIN, seed: int = 1) -> Results:
     """Return the results of the ordering task.
 
-    `margin`: difference in the share of correct orders below which a condition counts as equal to no compression.
-    `seed`: seed of the resamples for the interval of the curve.
-
-    Raise SettingsError if no trial was answered, or the trials belong to two designs or to people and observers.
+    A condition counts as equal to no compression below a difference of `margin` in the share of correct orders. `seed`
+    is that of the resamples for the curve. Raise SettingsError if no trial was answered, or the trials belong to two
+    designs or to people and observers.
     """
     trials = accepted(rows)
     if not trials:

@@ -254,7 +254,7 @@ class Flow(ABC, Generic[AnyRow]):
         self.failure = reason
         self.screen = self._screens.make(ScreenKind.STOPPED, "interrupted")
 
-    def _emit(self, event: Event, now_us: int, *, since_us: int | None = None, **values: Any) -> AnyRow:
+    def _emit(self, event: Event, now_us: int, *, since_us: int | None = None, **values: Any) -> None:
         """Store a row; `since_us` is when its event began."""
         began_us = now_us if since_us is None else since_us
         row = self.kind(
@@ -266,7 +266,6 @@ class Flow(ABC, Generic[AnyRow]):
         )
         self.rows.append(row)
         self._fresh.append(row)
-        return row
 
     @property
     @abstractmethod

@@ -217,11 +217,8 @@ def in_lines(screen: Screen, texts: Texts, now_us: int) -> list[str]:
 class SimulatedFront:
     """A simulated observer in the place of the participant: it answers every screen.
 
-    The random numbers of an answer depend on the seed and on how many trials there were, so a session that goes on
-    after a crash draws what it would have drawn.
-
-    `key` is the seed, the number of the participant, and that of the session. An observer `waits` where that costs
-    nothing: in virtual time.
+    Its random numbers depend on `key` (seed, participant, session) and on how many trials there were, so a session that
+    goes on after a crash draws what it would have drawn. It `waits` where that costs nothing: in virtual time.
     """
 
     def __init__(self, settings: ObserverSettings, rig: Rig, key: tuple[int, int, int], *, waits: bool) -> None:

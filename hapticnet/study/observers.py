@@ -1,8 +1,7 @@
 """Simulated observers, who answer in the place of a participant. Their results are titled "simulated".
 
 An observer decides on what reaches the finger: the forces of two stimuli, or the cues of each contact with a tissue
-(`Look`). Every parameter has its source in `ObserverSettings`; docs/understand/observers.md tells what the
-observers can show and what they cannot.
+(`Look`). `ObserverSettings` has the sources, docs/understand/observers.md what observers can show and what not.
 """
 
 import dataclasses
@@ -253,9 +252,8 @@ def judged(
 ) -> "np.ndarray[tuple[int, ...], np.dtype[np.int64]]":
     """Return the orders that an observer would answer in many trials, from softest to hardest, shape (n, tissues).
 
-    `cues`, `updates`, `steps`, `counts`: for each trial and tissue, shape (n, tissues): the felt cue, the number of
-    updates, the step, and the number of contacts. `factor`: by how much each trial's observer is noisier than the
-    settings, shape (n, 1).
+    `cues`, `updates`, `steps` and `counts` of contacts are of each trial and tissue, shape (n, tissues); by `factor`,
+    shape (n, 1), each trial's observer is noisier than the settings.
     """
     trials = len(cues)
     step = steps.mean(axis=1, keepdims=True)

@@ -1,9 +1,7 @@
 """The participant's page: the operator view of the live page, with the screens of a session.
 
-The participant answers with keys or clicks; the experimenter is at the terminal.
-
-What it is not told, it cannot show: the scene message has no stiffness, and no message has a force, a codec, a
-condition or a count of packets. What a screen says is in `screens`.
+The participant answers with keys or clicks; the experimenter is at the terminal. What the page is not told, it cannot
+show: the scene message has no stiffness, and no message has a force, a codec, a condition or a count of packets.
 """
 
 from collections.abc import Callable

@@ -87,8 +87,7 @@ class OrderPlan(BaseModel):
     rating: bool = True  # whether the quality of experience is asked for after each block
     least_delivered: Share = 0.8  # of the held peak that must be sensed in each tissue; else the trial is repeated
     most_attempts: Count = 5  # of a trial that fails, before the session stops
-    equivalence_margin: Share = 0.1
-    """Difference in the share of correct orders below which 1 JND counts as equal to none, stated beforehand."""
+    equivalence_margin: Share = 0.1  # difference in the share of correct orders below which conditions count as equal
 
     @model_validator(mode="after")
     def _check(self) -> "OrderPlan":
@@ -110,13 +109,9 @@ class LimitsPlan(BaseModel):
     step: Share = 0.01  # of a series; it decides the result: a coarse step gives a large JND
     start: Annotated[float, Field(ge=0.0, le=1.0)] = 0.03  # largest start of a series; each is drawn from 0 to this
     largest: Share = 0.4  # difference at which a series ends without a "different"
-    catch: Annotated[float, Field(ge=0.0, le=1.0)] = (
-        0.33  # further series in which nothing changes, share of the others
-    )
+    catch: Annotated[float, Field(ge=0.0, le=1.0)] = 0.33  # share of further series in which nothing changes
     most_false_alarms: Share = 0.25  # of their pairs called different; with more, the JND is excluded
-    most_censored: Annotated[int, Field(ge=0, le=1000)] = 2
-    """Series of a reference that may end without a "different"; with more, the JND is excluded."""
-
+    most_censored: Annotated[int, Field(ge=0, le=1000)] = 2  # series of a reference without a "different"; same rule
     pairs: Annotated[int, Field(ge=5, le=1000)] = 40  # of a staircase
     stimulus_s: Annotated[float, Field(ge=0.2, le=10.0)] = 1.0  # duration of each force
     gap_s: Annotated[float, Field(ge=0.0, le=10.0)] = 0.5  # between the two
@@ -183,9 +178,7 @@ class Plan(BaseModel):
 
     name: Annotated[str, Field(min_length=1, max_length=60)] = "paper"
     masking_noise: bool = False  # whether the page plays white noise from the first press on it
-    texts: Annotated[Texts, BeforeValidator(_texts)] = Field(default_factory=english)
-    """Everything that the participant reads: a TOML file, or the texts themselves."""
-
+    texts: Annotated[Texts, BeforeValidator(_texts)] = Field(default_factory=english)  # or the path of their file
     consent: str = ASK  # or "none, because " and why; what is agreed to is stored as the hash of its text
     question: Annotated[list[QuestionPlan], Field(max_length=20)] = Field(default_factory=list)
     condition: Annotated[list[ConditionPlan], Field(min_length=1, max_length=20)] = Field(

@@ -83,12 +83,9 @@ def power(
     seed: int = 1,
     on_design: Callable[[int, int], None] = lambda _participants, _trials: None,
 ) -> list[Power]:
-    """Simulate experiments of each design and return what they find.
+    """Simulate experiments of each design (participants, trials of each condition) and return what they find.
 
-    `designs`: pairs of participants and trials of each condition. `on_design`: called with each design before it is
-    simulated.
-
-    Raise SettingsError if a number is out of range.
+    `on_design` is called with each design before it is simulated. Raise SettingsError if a number is out of range.
     """
     check_integer("number of experiments", experiments, 100, 1_000_000)
     check_parameter("margin", margin, 0.001, 1.0)

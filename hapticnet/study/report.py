@@ -63,9 +63,8 @@ def markdown(
 ) -> str:
     """Return the report.
 
-    `results`: None for a study in which JNDs were measured and nothing was ordered yet. `figures`: names of the
-    pictures beside the report. `people`: the measured JNDs. `origin`: lines on version, date and machine. `stated`:
-    where the margin of equivalence was stated, such as "stated in plan.toml".
+    `results` is None while only JNDs were measured (`people`). `figures` are names of pictures beside the report,
+    `origin` lines on version, date and machine; `stated` says where the margin was stated: "stated in plan.toml".
     """
     simulated = {each.simulated for each in people if each.simulated} if results is None else results.simulated
     told = f" – SIMULATED ({', '.join(sorted(simulated))})" if simulated else ""

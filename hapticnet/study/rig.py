@@ -1,8 +1,7 @@
 """The chain that a session plays its stimuli through: device and force loop, and for each trial a network and a scene.
 
-A session meets the finger, presents pairs of forces (for a JND), and plays trials (of the ordering task).
-
-`Rig` is its interface. `VirtualRig` runs it in virtual time with a simulated device; `real_rig.RealRig` in real time.
+A session meets the finger, presents pairs of forces (for a JND), and plays trials (of the ordering task). `VirtualRig`
+runs in virtual time with a simulated device, `real_rig.RealRig` in real time.
 """
 
 import asyncio
@@ -61,8 +60,7 @@ class Presented:
     def missed(self, tolerance: float, least_n: float = 0.05) -> str | None:
         """Return why the pair must be presented again; None if both forces were delivered.
 
-        `tolerance` is the largest error as a share of the held force; `least_n` [N] is always tolerated: the error of
-        the force loop at rest and of the sensor.
+        `tolerance` is a share of the held force; `least_n` [N], the error of loop and sensor, is always tolerated.
         """
         for held_n, sensed_n in zip(self.held_n, self.sensed_n, strict=True):
             if abs(sensed_n - held_n) > max(tolerance * held_n, least_n):

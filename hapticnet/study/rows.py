@@ -1,7 +1,7 @@
 """The rows of a session's table: one for each event, with a name, a unit and a description for each column.
 
-A table is a TSV file with PsychoPy's names where PsychoPy has one. A missing value is ``n/a``. Every kind of event has
-the same columns; the column ``event`` says which kind a row is, and what does not apply to it is ``n/a``.
+A table is a TSV file with PsychoPy's names where PsychoPy has one. Every event has the same columns; what is missing or
+does not apply is ``n/a``.
 """
 
 import dataclasses
@@ -67,8 +67,8 @@ class Row:
 class OrderRow(Row):
     """A row of the ordering task.
 
-    Numbers 1 to 3 in names are the tissues from front to back. An order names the tissues from softest to hardest, such
-    as "213". The properties below give the three values of such columns as a tuple.
+    Numbers 1 to 3 in names are the tissues from front to back, of which the properties make tuples. An order names the
+    tissues from softest to hardest, such as "213".
     """
 
     block: int | None = column("Number of the block, from 0.")

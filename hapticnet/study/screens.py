@@ -1,8 +1,4 @@
-"""What a participant reads and sees, and which keys answer it: texts, and the screens that are made of them.
-
-The texts are one TOML file, of which ``texts.toml`` is the English one that is shipped. Terminal, page and simulated
-observers show the same screens.
-"""
+"""What a participant reads and sees, and which keys answer it: the texts of a TOML file, and screens."""
 
 import enum
 import hashlib

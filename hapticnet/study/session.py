@@ -1,7 +1,4 @@
-"""A session: its plan, its schedule, its law and its table; how it is run, and how its trials are recorded.
-
-The recordings are beside the table, and ``hapticnet info``, ``export`` and ``replay`` read them.
-"""
+"""A session: its plan, its schedule, its law and its table; how it is run, and how its trials are recorded."""
 
 import asyncio
 from collections.abc import Callable, Iterator
@@ -54,9 +51,9 @@ class SessionSettings:
     device: str
     resume: bool = False  # whether an interrupted session goes on
     hurried: bool = False  # whether breaks last no time, for a simulated observer in real time
+    # Whether a session that goes on is played from its start again, and must come out as it is stored: in virtual time,
+    # where device and hand would otherwise be in another state than without the interruption.
     replays: bool = False
-    """Whether a session that goes on is played from its start again, and must come out as it is stored: in virtual
-    time, where device and hand would otherwise be in another state than without the interruption."""
 
     @property
     def conducted_plan(self) -> Plan:
@@ -320,10 +317,9 @@ async def conduct(
 ) -> None:
     """Conduct a session to its end.
 
-    `on_outcome` is called in a thread with each row that an activity left and with what came of the activity, once the
-    row is stored; `on_row` with each row, also with one that was stored before the session went on.
-
-    Raise FileError if a row cannot be stored, UnavailableError if the session cannot go on.
+    `on_outcome` is called in a thread with each row that an activity left, once it is stored, and with what came of the
+    activity; `on_row` with each row, also with one that was stored before. Raise FileError if a row cannot be stored,
+    UnavailableError if the session cannot go on.
     """
     own_version = version()
 
@@ -379,10 +375,7 @@ async def _beside(work: Callable[[], None]) -> None:
 
 
 def usual_form(*, real_time: bool) -> RecordingForm:
-    """Return the form of recordings unless one is asked for.
-
-    MCAP in real time where it is installed; NPZ in virtual time, where it takes a tenth of the time to write.
-    """
+    """Return MCAP for real time, if it is installed, else NPZ, which takes a tenth of the time to write."""
     return "mcap" if real_time and find_spec("mcap") is not None else "npz"
 
 
@@ -391,8 +384,7 @@ def record_trials(
 ) -> Callable[[AnyRow, Outcome], None] | None:
     """Return what records each trial that was played, answered or not; None if nothing is recorded.
 
-    A recording is never overwritten. `about` is the configuration of the session, for every file.
-    Raise UnavailableError if the form needs an extra that is not installed.
+    `about` is the configuration of the session, for every file. Raise UnavailableError if an extra is not installed.
     """
     if form == "none":
         return None

@@ -38,9 +38,7 @@ def share_interval(successes: int, trials: int, shares: Sequence[float] | FloatA
     It is Wilson's with the trials that independent answers would need for the standard error over participants, no more
     than there were, and with Student's t: E. L. Korn & B. I. Graubard, "Confidence intervals for proportions with small
     expected number of positive counts estimated from survey data", Survey Methodology 24 (1998). Wilson's interval over
-    all trials is too narrow, because the trials of one participant are alike.
-
-    `shares` has the share of each participant, shape (n,).
+    all trials is too narrow: those of one participant are alike. `shares` are the participants', shape (n,).
     """
     if trials == 0 or len(shares) < 2:
         return 0.0, 1.0
@@ -59,12 +57,9 @@ def standard_error(values: Sequence[float] | FloatArray) -> float | None:
 def sign_flip(differences: Sequence[float] | FloatArray, *, shift: float = 0.0) -> tuple[float, float]:
     """Return the exact probabilities that the mean difference would be as low, and as high, as it is.
 
-    The null hypothesis is that differences less `shift` are symmetric about 0, so that each sign is as likely as the
-    other. All 2ⁿ assignments of signs are counted, by adding one participant after the other to the distribution of the
-    sum. The two-sided probability is `two_sided` of the result.
-
-    Differences, one for each participant, shape (n,), are rounded to a grid so fine that scores are exact. Without a
-    difference, both probabilities are 1.
+    By the null hypothesis, the participants' differences, shape (n,), less `shift` are symmetric about 0. All 2ⁿ
+    assignments of signs are counted, by adding one participant after the other to the distribution of the sum, on a
+    grid so fine that scores are exact. Without a difference, both are 1. `two_sided` combines them.
     """
     values = np.asarray(differences, dtype=np.float64) - shift
     if not np.isfinite(values).all():
@@ -135,9 +130,8 @@ def equivalence(
     Schuirmann, "A comparison of the two one-sided tests procedure and the power approach", Journal of Pharmacokinetics
     and Biopharmaceutics 15 (1987), here with sign-flip tests.
 
-    Returns the probability of the tests, the 90 % interval of the mean difference (`mean_interval`, which explains
-    `least_variance`), and whether equivalence is shown: the tests pass, and the interval is within the margin. Tests
-    alone take differences as exact, although scores of few trials have ties by chance; the interval does not.
+    Return the probability of the tests, the 90 % interval (`mean_interval`, which explains `least_variance`), and
+    whether equivalence is shown: the tests pass, and the interval, which knows of ties by chance, is within the margin.
     """
     probability = max(sign_flip(differences, shift=-margin)[1], sign_flip(differences, shift=margin)[0])
     low, high = mean_interval(differences, 0.90, least_variance=least_variance)

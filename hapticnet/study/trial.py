@@ -289,11 +289,10 @@ def _spent(
 def _perceptual_error(ticks: dict[str, FloatArray], replayed: _Replay) -> float | None:
     """Return the root mean square of ln(held force / force of the tissues at the same moment); None without contact.
 
-    Codec, delay and losses all add to it. Both forces are mapped by Weber and Fechner's logarithm, so that equal
-    ratios count the same, as in the perceptual mean squared error of Chaudhari, Steinbach & Hirche, "Towards an
-    objective quality evaluation framework for haptic data reduction", World Haptics Conference 2011. Moments with less
-    than `LEAST_HELD_N` from the tissues are left out: a breach, late by 2 ms, would outweigh all the rest. A smaller
-    held force counts as that much.
+    Codec, delay and losses all add to it. Equal ratios count the same, as in the perceptual mean squared error of
+    Chaudhari, Steinbach & Hirche, "Towards an objective quality evaluation framework for haptic data reduction", World
+    Haptics Conference 2011. Moments with less than `LEAST_HELD_N` from the tissues are left out, since a breach, late
+    by 2 ms, would outweigh all the rest; a smaller held force counts as that much.
     """
     true_n, held_n = replayed.force_n, ticks["held_n"][replayed.known]
     contact = true_n > LEAST_HELD_N

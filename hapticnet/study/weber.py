@@ -135,9 +135,8 @@ def participant_file(
 ) -> ParticipantFile:
     """Return the file of a participant whose series gave these JNDs; raise SettingsError if there is none.
 
-    `plan`: how the JND was measured, and the rules that exclude one. `device_errors_n`: sensed less held force [N] of
-    every stimulus, by reference. `false_alarms`, `catch_pairs`: None for a method without catch series. `**further`:
-    further attributes of the file.
+    `device_errors_n` are sensed less held forces [N] of every stimulus, by reference; `false_alarms` and `catch_pairs`
+    are None for a method without catch series; `further` are further attributes of the file.
     """
     fitted = fit(found)
     tables = [_reference(each, found[each], device_errors_n.get(each, ())) for each in sorted(found)]

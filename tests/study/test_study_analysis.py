@@ -75,9 +75,7 @@ def test_one_participant_alone_has_shares_but_no_interval_of_differences():
     assert result(results, "none").figures["correct"].error is None
     assert comparison(results, "1 JND").interval == (-math.inf, math.inf)
     assert results.curve is None
-
-
-def test_an_interval_of_a_difference_of_shares_stays_within_what_is_possible():
+    # Of two, it stays within what is possible.
     assert comparison(analyse(rows(people=2)), "4 JND").interval == (-1.0, 1.0)
 
 
@@ -172,11 +170,6 @@ def test_a_rating_of_a_block_with_several_conditions_is_of_none_of_them():
     assert all(each.figures["rating"].mean is None for each in results.conditions)
 
 
-def test_jnds_of_their_own_are_told():
-    made = [changed(row, weber_fraction=0.03 + 0.01 * int(row.participant)) for row in rows(people=3)]
-    assert "**1 JND is not the same for all**: Weber fractions from 0.04 to 0.06" in markdown(analyse(made), title="x")
-
-
 def test_participants_who_did_not_agree_or_gave_no_answer_are_named():
     begun = OrderRow(event="begin", participant="11", session=1, observer="step-masking")
     end = changed(begun, event="end", participant="12", reason="no consent")
@@ -203,11 +196,6 @@ def test_without_an_uncompressed_condition_the_weakest_is_the_reference():
     assert results.curve is None
 
 
-def test_the_report_of_two_participants_says_that_they_are_too_few():
-    text = markdown(analyse(rows(people=2)), title="two")
-    assert "Too few participants for a test at 5 %**: the smallest p that 2 can give is 0.5." in text
-
-
 def test_every_title_of_simulated_data_says_so_and_no_test_is_said_to_be_the_paper_s():
     text = markdown(analyse(rows()), title="Results", figures=["curve.png"], stated="stated in the plan")
     assert text.splitlines()[0] == "# Results – SIMULATED (step-masking, fitted to the paper)"
@@ -226,6 +214,7 @@ def test_measured_jnds_stand_in_the_report_beside_what_the_paper_printed():
         for number, fraction, excluded in ((1, 0.05, []), (2, 0.07, []), (3, 0.01, ["5 of 6 were wrong"]))
     ]
     text = markdown(analyse(rows(people=2)), title="x", people=people)
+    assert "Too few participants for a test at 5 %**: the smallest p that 2 can give is 0.5." in text
     assert "Mean Weber fraction 0.0600 ± 0.0100 (s.e.), without 1 excluded." in text
     assert "- Participant 03, excluded: 5 of 6 were wrong." in text
     assert "without its reference forces or a Weber fraction" in text

@@ -323,15 +323,14 @@ def test_each_question_about_the_participant_is_asked_once_after_the_consent():
     assert again.flow.screen.kind is ScreenKind.PRACTICE
 
 
-def test_who_is_not_sure_is_told_what_to_say_wherever_that_decides():
-    person = limits()
-    assert "If you are not sure that they differ, say same." in person.flow.screen.text
-    person.go_on_to(ScreenKind.QUESTION)
-    assert "If you are not sure that they differ, say same." in person.flow.screen.text
-    person = limits(plan=varied("limits", method="up-down"))
-    assert "If you are not sure, guess." in person.flow.screen.text
-    person.go_on_to(ScreenKind.QUESTION)
-    assert "If you are not sure, guess." in person.flow.screen.text
+@pytest.mark.parametrize(
+    ("method", "words"),
+    [("ascending", "If you are not sure that they differ, say same."), ("up-down", "If you are not sure, guess.")],
+)
+def test_who_is_not_sure_is_told_what_to_say_wherever_that_decides(method, words):
+    person = limits(plan=varied("limits", method=method))
+    assert words in person.flow.screen.text
+    assert words in person.go_on_to(ScreenKind.QUESTION).flow.screen.text
 
 
 def test_a_pair_that_the_device_missed_is_presented_again_and_not_asked_about():

@@ -164,15 +164,12 @@ def test_honest_observers_are_kept_and_answers_at_random_are_dropped():
     assert dropped >= 55
 
 
-def test_a_jnd_below_the_error_of_the_device_and_one_without_catch_series_are_doubted():
+def test_doubtful_jnds_are_told_and_one_with_more_series_without_an_end_than_the_plan_allows_is_excluded():
     found = {0.5: [0.01, 0.01], 1.0: [0.05, 0.06]}
     errors_n = {0.5: [0.03, -0.03], 1.0: [0.03]}
     first, second = participant_file("03", PLAN, found, device_errors_n=errors_n, catch_pairs=0).warnings
     assert first.startswith("the JND at 0.5 N, 0.010 N, is below the error of the device, 0.030 N")
     assert "no catch series" in second
-
-
-def test_a_jnd_with_more_series_without_an_end_than_the_plan_allows_is_excluded():
     found = {0.5: [0.03, None, None, None], 1.0: [0.05, None, None, 0.06]}
     (why,) = participant_file("03", PLAN, found, device_errors_n={}, false_alarms=5, catch_pairs=20).excluded
     assert why.startswith("3 of 4 series at 0.5 N ended without a JND, more than 2")

@@ -38,16 +38,11 @@ def test_every_parameter_names_its_source_or_says_that_it_is_assumed_or_fitted()
         before = before + line if line.strip().startswith("#") else ""
 
 
-def test_nothing_fitted_to_the_paper_is_on_unless_asked_for():
+def test_nothing_fitted_to_the_paper_is_on_unless_asked_for_and_titles_say_so():
     assert not ObserverSettings().fitted
     assert {name for name, each in OBSERVERS.items() if each.fitted} == {
         "fitted", "step-masking", "step-lapses", "rhythm"
     }  # fmt: skip
-    assert not parse_observer("literature").fitted
-    assert parse_observer("literature:step_masking=2.1").fitted
-
-
-def test_titles_say_which_observers_were_fitted_to_the_paper():
     assert labelled("literature") == "literature"
     assert labelled("step-masking") == "step-masking, fitted to the paper"
     assert labelled("literature:rhythm=3") == "literature:rhythm=3, fitted to the paper"

@@ -37,10 +37,7 @@ def test_the_paper_s_design_finds_4_jnd_but_not_2():
     assert found["2 JND"].power < 0.35
     assert found["1 JND"].equivalent < 0.15
     assert 0.10 < found["2 JND"].half_width < 0.20
-
-
-def test_five_participants_can_find_nothing():
-    found = power(PAPER, [(5, 10)], experiments=100)
+    found = power(PAPER, [(5, 10)], experiments=100)  # five can find nothing
     assert all(each.power == 0.0 for each in found)
     assert all(each.half_width > 0.15 for each in found[1:])
 

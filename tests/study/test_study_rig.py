@@ -26,7 +26,7 @@ from hapticnet.study.rows import OrderRow
 from hapticnet.study.session import conduct, open_session, record_trials, write_participant
 from hapticnet.study.store import read_table
 from hapticnet.study.tasks import LIMITS
-from hapticnet.study.trial import NO_MEASURES, Stimulus
+from hapticnet.study.trial import NO_MEASURES, Stimulus, scripted_hand
 from tests.study.conducted import GivenRig, WillingFront
 from tests.study.killed import settings_of
 
@@ -55,11 +55,13 @@ def push(contact_s, before_s=0.1):
     return make_hand
 
 
-def rig_with(make_hand=None):
+def fingertip():
     device = SimulatedDevice(PlantSettings(), np.random.default_rng(1))
-    fingertip = Fingertip(device, LimitSettings(), ForceControlSettings())
-    hand = {} if make_hand is None else {"make_hand": make_hand}
-    return VirtualRig(fingertip, MasterSettings(), **hand)
+    return Fingertip(device, LimitSettings(), ForceControlSettings())
+
+
+def rig_with(make_hand=scripted_hand):
+    return VirtualRig(fingertip(), MasterSettings(), make_hand=make_hand)
 
 
 def run(rig, *activities):
@@ -131,9 +133,7 @@ def test_an_activity_is_stopped_even_while_the_session_before_it_closes(monkeypa
         await finish(runner, reason)
 
     async def stop_each():
-        device = SimulatedDevice(PlantSettings(), np.random.default_rng(1))
-        fingertip = Fingertip(device, LimitSettings(), ForceControlSettings())
-        async with RealRig(fingertip, MasterSettings(), HostPort("127.0.0.1", 9), tell=print) as rig:
+        async with RealRig(fingertip(), MasterSettings(), HostPort("127.0.0.1", 9), tell=print) as rig:
             for _ in range(3):
                 activity = asyncio.ensure_future(rig.run(STIMULUS))
                 await asyncio.sleep(0)
