@@ -7,8 +7,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pytest
 
-from hapticnet.channel.emulator import Emulator
-from hapticnet.channel.spec import parse_channel
 from hapticnet.control.force_settings import ForceControlSettings, for_known_finger
 from hapticnet.control.hold import LimitSettings
 from hapticnet.device.base import Reading
@@ -18,13 +16,9 @@ from hapticnet.errors import UnavailableError
 from hapticnet.experiment.step_response import step_figures
 from hapticnet.node.fingertip import DeviceFound, DeviceLost, FingerMet, FingerNotMet, Fingertip, ForceFault
 from hapticnet.node.loopback import Loopback
-from hapticnet.node.master import MasterNode
 from hapticnet.node.procedures import StepTest, Tuning
-from hapticnet.node.settings import MasterSettings, SlaveSettings
-from hapticnet.node.slave import SlaveNode
 from hapticnet.operator.scripted import InsertionSettings, ScriptedOperator
-from hapticnet.scene.scene import Scene
-from hapticnet.scene.sources import paper_scene
+from tests.conftest import linked
 
 FINGERS_N_M = (300.0, 600.0, 1000.0, 2000.0, 3000.0)
 
@@ -41,11 +35,7 @@ class Meddled(SimulatedDevice):
         self._late.append(displacement_m)
         reading = super().exchange(self._late.pop(0), now_us)
         force_n = self.spoil(now_us // 1_000, reading.force_n)
-        return None if force_n is None else replace_force(reading, force_n)
-
-
-def replace_force(reading: Reading, force_n: float) -> Reading:
-    return reading._replace(force_n=force_n)
+        return None if force_n is None else reading._replace(force_n=force_n)
 
 
 @dataclass
@@ -288,40 +278,21 @@ def test_the_same_seed_gives_the_same_run() -> None:
     assert not np.array_equal(runs[0].sensed_n, runs[2].sensed_n)
 
 
-class Unplugged(SimulatedDevice):
-    """A device that is lost for a while."""
-
-    lost_us = range(0)
-
-    def exchange(self, displacement_m: float, now_us: int) -> Reading | None:
-        if now_us in self.lost_us:
-            return None
-        return super().exchange(displacement_m, now_us)
-
-
 @pytest.mark.parametrize("lost_after_us", [-1_000_000, 100_000, 1_900_000])
 def test_a_step_during_which_the_device_is_lost_gives_no_figures(lost_after_us: int) -> None:
-    device = Unplugged(stiffness(1000.0), np.random.default_rng(1))
+    device = Meddled(stiffness(1000.0), 1)
     test = StepTest(Fingertip(device, LimitSettings(), ForceControlSettings()), from_n=0.4, to_n=2.0)
     lost_us = 2_500_000 + lost_after_us
-    device.lost_us = range(lost_us, lost_us + 20_000)
+    device.spoil = lambda ms, sensed_n: None if lost_us <= 1_000 * ms < lost_us + 20_000 else sensed_n
     with pytest.raises(UnavailableError, match=f"lost {lost_us / 1e6:.1f} s into the test"):
         any(test.tick(now_us) for now_us in range(0, 5_000_000, 1_000))
 
 
 def both(finger: Finger, *, first_touch: bool = True) -> tuple[Loopback, SimulatedDevice]:
     """Return both nodes, and the device of the master."""
-    scene = paper_scene(1)
-    forward, feedback, plant, nonces, sessions = np.random.default_rng(1).spawn(5)
     operator = ScriptedOperator(InsertionSettings(insertions=1), np.random.default_rng(1))
-    device = SimulatedDevice(PlantSettings(finger=finger), plant)
-    loopback = Loopback(
-        MasterNode(operator, device, MasterSettings(first_touch=first_touch), nonces),
-        SlaveNode(lambda _: Scene(scene.tissues, name=scene.name), SlaveSettings(), sessions),
-        forward=Emulator(parse_channel("perfect"), forward),
-        feedback=Emulator(parse_channel("perfect"), feedback),
-    )
-    return loopback, device
+    device = SimulatedDevice(PlantSettings(finger=finger), np.random.default_rng(1))
+    return linked(operator, device=device, first_touch=first_touch), device
 
 
 @pytest.mark.parametrize("stiffness_n_m", [300.0, 1000.0, 3000.0])

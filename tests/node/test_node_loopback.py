@@ -9,18 +9,16 @@ import pytest
 import hapticnet as hn
 from hapticnet.channel.emulator import Emulator
 from hapticnet.channel.spec import parse_channel
-from hapticnet.errors import SettingsError
 from hapticnet.experiment.analysis import vectors
-from hapticnet.node import admission
 from hapticnet.node.events import SettingsInForce
 from hapticnet.node.settings import MasterSettings
 from hapticnet.protocol.settings import SessionSettings
-from hapticnet.protocol.states import Connected, LinkRecovered, LinkStale, SlaveState
+from hapticnet.protocol.states import Connected, LinkRecovered, LinkStale
 from hapticnet.protocol.wire import Kind, unpack
 from hapticnet.samples import PositionSample
 from hapticnet.scene.bodies import BodyScene
 from hapticnet.scene.settings import Plane
-from tests.conftest import make_master, make_slave
+from tests.conftest import make_slave
 
 SECOND = 1_000_000
 
@@ -156,23 +154,6 @@ def test_a_lost_update_is_repaired_within_a_few_round_trips_though_nothing_chang
     assert link.master.held_force_n(link.now_us)[0] == pytest.approx(true_n)
 
 
-@pytest.mark.plain
-def test_a_late_hello_does_not_make_the_finger_deaf(loopback, sealed):
-    link = loopback(1, insertions=2, sealed=sealed)
-    sent = []
-    receive = link.slave.receive_datagram
-    link.slave.receive_datagram = lambda data, *rest: (sent.append(data), receive(data, *rest))
-    link.run(SECOND)
-    first, proved = (data for data in sent if unpack(data).kind is Kind.HELLO)
-    receive(first, "loopback", link.now_us)
-    receive(proved, "loopback", link.now_us)
-    link.run(4 * SECOND)
-    received = link.master.report()["received"]
-    assert (received["stray"], received["late"], received["lost"]) == (1, 0, 0), "a COOKIE, said again"
-    assert link.master.report()["connections"] == 1
-    assert link.slave.contexts[0].steps > 4_900
-
-
 @pytest.mark.parametrize("copies", ["50%", "100%"])
 def test_duplicates_disturb_no_end(loopback, copies):
     link = loopback(1, forward=f"duplicate={copies},delay=3ms", feedback=f"duplicate={copies},delay=3ms")
@@ -262,45 +243,6 @@ def test_a_clock_that_jumps_costs_at_most_the_age_limit_of_feeling(loopback, jum
     assert context.session.sent.by_kind[Kind.KEEPALIVE] >= 40
     held_n = link.master.recording.table()["held_n"]
     assert (held_n[-1500:] == np.float32(true_n)).all()
-
-
-def test_the_granted_rate_is_kept_when_it_is_lower_than_what_was_asked_for(loopback):
-    link = loopback(settings=MasterSettings(rate_hz=20_000.0))
-    link.run(SECOND // 2)
-    assert link.slave.contexts[0].steps == pytest.approx(5_000, rel=0.01)
-
-
-@pytest.mark.plain
-def test_a_codec_that_the_slave_does_not_have_is_refused_with_what_there_is(loopback, monkeypatch, sealed):
-    def nothing(name, *_):
-        raise SettingsError(f"unknown codec {name!r}; there are: none")
-
-    link = loopback(sealed=sealed)
-    monkeypatch.setattr(admission, "make_codec", nothing)
-    link.run(SECOND)
-    assert link.master.refused
-    assert link.master.end_reason == "unknown codec 'deadband'; there are: none"
-    assert link.slave.contexts == ()
-
-
-def test_one_slave_serves_many_masters_each_with_a_scene_of_its_own():
-
-    slave = make_slave()
-    masters = {f"master {number}": make_master(number) for number in range(5)}
-    for now in range(0, 5 * SECOND, 1000):
-        for number, (address, master) in enumerate(masters.items()):
-            if now >= number * 200_000:
-                master.tick(now)
-                master.drive(now)
-            for datagram in master.datagrams_to_send():
-                slave.receive_datagram(datagram, address, now)
-        for datagram, address in slave.datagrams_to_send():
-            masters[address].receive_datagram(datagram, now)
-    breaches = [context.scene.breaches for context in slave.contexts]
-    assert len(breaches) == 5
-    assert sorted(breaches, reverse=True)[0] == 3
-    assert len({id(context.scene) for context in slave.contexts}) == 5
-    assert all(context.session.state is SlaveState.OPEN for context in slave.contexts)
 
 
 @pytest.mark.parametrize("network", ["perfect", "delay=30ms,jitter=uniform:10ms,order=free,loss=5%,duplicate=5%"])

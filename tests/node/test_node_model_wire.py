@@ -145,34 +145,6 @@ def passed(positions=1000):
     return one
 
 
-@pytest.fixture
-def played(monkeypatch):
-    """Return what models have been played since it was last taken: the layers of each position, and 1."""
-    costs, step = [], ContactModel.step
-
-    def counted(model, t_us, position):
-        costs.append(1 + len(model.layers()))
-        return step(model, t_us, position)
-
-    monkeypatch.setattr(ContactModel, "step", counted)
-
-    def taken():
-        cost = sum(costs)
-        costs.clear()
-        return cost
-
-    return taken
-
-
-def test_a_flood_of_old_models_is_played_no_more_of_the_past_between_two_positions(played):
-    one, payload = passed(), pack_model(FULL, 1)
-    for index in range(1000, 1100):
-        one.move(1000 * index, (0.0,))
-        for _ in range(50):
-            one.decode(1000 * (index - 900), payload)
-        assert played() <= MOST_PLAYED + 2 * 9, "and one more for the model that is applied"
-
-
 @pytest.mark.plain
 def test_a_model_that_is_caught_up_later_renders_what_it_would_have_rendered_at_once(monkeypatch):
     late, payload = passed(), pack_model(FULL, 1)
@@ -192,31 +164,6 @@ def test_a_model_of_three_layers_is_played_a_round_trip_of_fifty_positions_at_on
     one = passed()
     one.decode(949_000, pack_model(FULL[:3], 1))
     assert one.on_model
-
-
-def test_what_was_applied_goes_on_until_a_model_has_caught_up_and_only_the_newest_waits_for_it():
-    one = passed()
-    one.decode(0, OF_CODEC + struct.pack(">f", 2.0))
-    for force_n in (1.0, 2.0, 3.0):
-        one.decode(0, pack_model([*FULL[1:], LayerAhead(-0.02, 100.0, force_n)], 1))
-    assert (one.taken, one.settled) == (3, 0)
-    assert one.reconstruct(0) == (2.0,)
-    settled = []
-    for index in range(1000, 1100):
-        one.move(1000 * index, (0.0,))
-        settled.append(one.settled)
-    assert sorted(set(settled)) == [0, 1, 3]
-
-
-def test_a_payload_of_the_codec_replaces_the_models_that_have_not_caught_up():
-    one = passed()
-    for _ in range(2):
-        one.decode(0, pack_model(FULL, 1))
-    one.decode(0, OF_CODEC + struct.pack(">f", 2.0))
-    assert one.settled == one.taken == 2
-    for index in range(1000, 1050):
-        one.move(1000 * index, (0.0,))
-        assert one.reconstruct(0) == (2.0,)
 
 
 def test_the_largest_model_fits_a_datagram():

@@ -57,28 +57,24 @@ def test_what_is_older_than_the_window_is_late_and_loses_nothing_twice():
     assert window.lost == LEAP - 2
 
 
-@given(numbers, st.integers(LEAP, HALF - 1))
-def test_one_number_far_ahead_leaves_the_true_ones_new(first, leap):
+NEW, ASTRAY = Arrival.NEW, Arrival.ASTRAY
+
+
+@pytest.mark.parametrize(
+    ("order", "arrivals"),
+    [
+        ((LEAP, 1, 2, 3), [ASTRAY, NEW, NEW, NEW]),
+        ((LEAP, LEAP + 1), [ASTRAY, NEW]),
+        ((LEAP, 1, LEAP + 1, 2), [ASTRAY, NEW, ASTRAY, NEW]),
+    ],
+    ids=["one is not believed", "two in a row are", "two with a true one between them are not"],
+)
+@given(numbers, st.integers(0, HALF - 2 - LEAP))
+def test_numbers_far_ahead_are_believed_in_a_row(order, arrivals, first, further):
     window = ArrivalWindow(first)
-    assert window.arrive(wrap(first + leap)) is Arrival.ASTRAY
-    assert [window.arrive(wrap(first + n)) for n in (1, 2, 3)] == [Arrival.NEW] * 3
-    assert window.lost == 0
-
-
-@given(numbers, st.integers(LEAP, HALF - 2))
-def test_two_numbers_in_a_row_far_ahead_are_believed(first, leap):
-    window = ArrivalWindow(first)
-    window.arrive(wrap(first + leap))
-    assert window.arrive(wrap(first + leap + 1)) is Arrival.NEW
-    assert window.lost == leap
-
-
-@given(numbers, st.integers(LEAP, HALF - 2))
-def test_two_wrong_numbers_that_are_not_next_to_each_other_are_not(first, leap):
-    window = ArrivalWindow(first)
-    arrivals = [window.arrive(wrap(first + number)) for number in (leap, 1, leap + 1, 2)]
-    assert arrivals == [Arrival.ASTRAY, Arrival.NEW, Arrival.ASTRAY, Arrival.NEW]
-    assert window.lost == 0
+    numbers = [number + further * (number >= LEAP) for number in order]
+    assert [window.arrive(wrap(first + number)) for number in numbers] == arrivals
+    assert window.lost == (numbers[0] if arrivals[1] is NEW and numbers[1] > LEAP else 0)
 
 
 @given(numbers, st.integers(1, HALF - 2), st.integers(1, 2))

@@ -58,12 +58,6 @@ def test_a_wrong_cookie_gets_another_cookie_and_leaves_nothing_behind(sealed, wr
     assert [answer.kind for answer in master.hello(now_us)] == [Kind.WELCOME]
 
 
-def test_a_cookie_of_the_last_generation_opens(sealed):
-    master = HandMaster(make_slave(sealed=sealed), sealed=sealed)
-    master.hello(GENERATION_US - 1)
-    assert [answer.kind for answer in master.hello(2 * GENERATION_US - 1)] == [Kind.WELCOME]
-
-
 def test_no_answer_to_a_stranger_is_larger_than_what_it_answers(sealed):
     slave = make_slave(sealed=sealed)
     rng = np.random.default_rng(1)

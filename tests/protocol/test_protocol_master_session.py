@@ -62,8 +62,10 @@ def test_a_keepalive_that_confirms_the_newest_force_is_acknowledged_in_its_place
     slave.say(Kind.FORCE, 1, Force(0, b"good"), 1500)
     apply_forces(session)
     slave.say(Kind.KEEPALIVE, 2, Keepalive(0, 1), 1600)
+    assert events_of(session) == [HoldConfirmed(0)]
     assert send_position(session, slave, 2000).newest == 2
     slave.say(Kind.KEEPALIVE, 4, Keepalive(0, 3), 2100)
+    assert events_of(session) == [], "FORCE 3 was lost: what is held is not confirmed"
     assert send_position(session, slave, 3000).newest == 2, "it names a force that did not arrive"
 
 
@@ -103,16 +105,6 @@ def test_forces_go_on_across_the_wrap_of_sequence_and_time():
     assert [event.t_us for event in arrived] == [at - 100 + 400 * step for step in range(1, 5)]
     assert session.received.lost == 0
     assert session.round_trip.report()["max_us"] == 100
-
-
-def test_a_keepalive_confirms_the_hold_only_when_nothing_newer_was_sent(sealed):
-    session, slave = connected(sealed)
-    slave.say(Kind.FORCE, 1, Force(0, b"x"), 100)
-    apply_forces(session)
-    slave.say(Kind.KEEPALIVE, 2, Keepalive(0, 1), 200)
-    assert events_of(session) == [HoldConfirmed(0)]
-    slave.say(Kind.KEEPALIVE, 4, Keepalive(0, 3), 300)
-    assert events_of(session) == [], "FORCE 3 was lost: what is held is not confirmed"
 
 
 @pytest.mark.plain
@@ -174,7 +166,7 @@ def test_a_force_that_only_a_keepalive_overtook_is_applied(sealed):
     assert events_of(session) == [], "a copy changes nothing"
 
 
-@pytest.mark.parametrize("ahead", [2, 50, 101, 200, 2999, 3000, 32_767, 1 << 30, (1 << 31) - 1])
+@pytest.mark.parametrize("ahead", [2, 101, 200, 3000, (1 << 31) - 1])
 def test_one_forged_number_does_not_deafen_an_open_session_for_long(ahead):
     session, slave = connected()
     send_position(session, slave, 1_000_000)
@@ -296,7 +288,7 @@ def test_a_sealed_master_without_numbers_left_sends_nothing_under_the_old_key(mo
 
 
 @pytest.mark.parametrize("state", ["new", "connected", "closed"])
-def test_thirty_thousand_datagrams_of_garbage_are_counted_and_change_nothing(state, sealed):
+def test_thousands_of_datagrams_of_garbage_are_counted_and_change_nothing(state, sealed):
     if state == "new":
         session, slave = new_session(sealed), None
     else:
@@ -306,17 +298,15 @@ def test_thirty_thousand_datagrams_of_garbage_are_counted_and_change_nothing(sta
         slave.say(Kind.CLOSE, 1, Close("as asked"), 1)
     before = session.state
     events_of(session)
-    rng = np.random.default_rng(5)
     good = pack(Kind.FORCE, SESSION, 5, pack_body(Force(0, b"abcd")))
-    for number in range(30_000):
-        if number % 3 == 0:
-            data = rng.bytes(int(rng.integers(0, 60)))
-        elif number % 3 == 1:
-            data = good[: int(rng.integers(0, len(good)))]
-        else:
-            data = bytes(1201 + number % 100)
-        session.receive_datagram(data, 10)
-    assert session.received.malformed == 30_000
+    for number in range(1000):
+        for data in (
+            np.random.default_rng(number).bytes(number % 60),
+            good[: number % len(good)],
+            bytes(1201 + number),
+        ):
+            session.receive_datagram(data, 10)
+    assert session.received.malformed == 3_000
     assert session.state is before
     assert events_of(session) == []
 

@@ -140,14 +140,11 @@ def test_another_implementation_asks(request, grant, psk):
     assert peer.decrypt(ChaCha20Poly1305(keys.to_initiator).encrypt(nonce(0), b"force", b"")) == b"force"
 
 
-def test_both_ends_agree_on_two_different_keys():
-    keys = shake_hands(*ends())
+def test_the_same_seed_gives_the_same_handshake_and_another_seed_another():
+    keys = shake_hands(*ends(seed=1))
+    assert keys == shake_hands(*ends(seed=1))
     assert keys.to_responder != keys.to_initiator
     assert {len(key) for key in keys} == {32}
-
-
-def test_the_same_seed_gives_the_same_handshake_and_another_seed_another():
-    assert shake_hands(*ends(seed=1)) == shake_hands(*ends(seed=1))
     assert shake_hands(*ends(seed=1)) != shake_hands(*ends(seed=2))
 
 
@@ -161,18 +158,13 @@ def test_every_handshake_has_fresh_ephemeral_keys():
     assert keys != others
 
 
-def test_a_first_message_with_any_bit_changed_is_refused():
+def test_a_message_with_any_bit_changed_is_refused_and_the_true_one_still_opens():
     initiator, responder = ends()
-    message = initiator.write(b"request")
-    for changed in flips(message):
+    first = initiator.write(b"request")
+    for changed in flips(first):
         with pytest.raises(PeerError):
             responder.read(changed)
-    assert responder.read(message) == (public_key(MASTER), b"request")
-
-
-def test_a_second_message_with_any_bit_changed_is_refused_and_the_true_one_still_opens():
-    initiator, responder = ends()
-    responder.read(initiator.write(b"request"))
+    assert responder.read(first) == (public_key(MASTER), b"request")
     message, keys = responder.write(b"grant", PSK)
     for changed in flips(message):
         with pytest.raises(PeerError):
@@ -206,25 +198,19 @@ def test_keys_do_not_show_in_what_is_printed():
     assert keys.to_responder.hex() not in repr((keys, initiator, responder))
 
 
-def test_a_message_for_another_slave_is_refused():
-    initiator, _ = ends()
-    _, stranger = ends(slave=bytes(range(50, 82)))
+@pytest.mark.parametrize("different", ["slave", "prologue", "pre-shared key"])
+def test_an_end_that_does_not_share_everything_is_refused(different):
+    initiator, responder = ends(prologues=(PROLOGUE, b"hapticnet 3" if different == "prologue" else PROLOGUE))
+    if different == "slave":
+        _, responder = ends(slave=bytes(range(50, 82)))
+    first = initiator.write(b"")
+    if different != "pre-shared key":
+        with pytest.raises(PeerError, match="does not open"):
+            responder.read(first)
+        return
+    responder.read(first)
     with pytest.raises(PeerError, match="does not open"):
-        stranger.read(initiator.write(b""))
-
-
-def test_a_message_under_another_prologue_is_refused():
-    initiator, responder = ends(prologues=(b"hapticnet 2", b"hapticnet 3"))
-    with pytest.raises(PeerError, match="does not open"):
-        responder.read(initiator.write(b""))
-
-
-def test_an_answer_under_another_pre_shared_key_is_refused():
-    initiator, responder = ends()
-    responder.read(initiator.write(b""))
-    message, _ = responder.write(b"", NO_PSK)
-    with pytest.raises(PeerError, match="does not open"):
-        initiator.read(message)
+        initiator.read(responder.write(b"", NO_PSK)[0])
 
 
 def test_an_answer_to_an_earlier_message_is_refused():
@@ -236,25 +222,6 @@ def test_an_answer_to_an_earlier_message_is_refused():
     with pytest.raises(PeerError):
         initiator.read(stale)
     assert initiator.read(message) == (b"", keys)
-
-
-def test_an_impostor_without_the_slaves_private_key_cannot_answer():
-    initiator, _ = ends()
-    impostor = Responder(bytes(range(50, 82)), PROLOGUE, entropy(9))
-    impostor.read(Initiator(MASTER, public_key(bytes(range(50, 82))), PSK, PROLOGUE, entropy(8)).write(b""))
-    initiator.write(b"")
-    message, _ = impostor.write(b"", PSK)
-    with pytest.raises(PeerError, match="does not open"):
-        initiator.read(message)
-
-
-def test_a_refused_message_leaves_a_responder_as_it_was():
-    initiator, responder = ends()
-    responder.read(initiator.write(b"request"))
-    with pytest.raises(PeerError):
-        responder.read(bytes(range(MESSAGE_1_BYTES)))
-    message, keys = responder.write(b"grant", PSK)
-    assert initiator.read(message) == (b"grant", keys)
 
 
 @pytest.mark.parametrize("point", LOW_ORDER, ids=lambda point: point.hex()[:8])
