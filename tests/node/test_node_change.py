@@ -13,6 +13,7 @@ from hapticnet.protocol.settings import SessionSettings
 from hapticnet.protocol.states import ChangeRefused, Connected, LinkStale
 from hapticnet.protocol.wire import unpack
 from hapticnet.samples import PositionSample
+from tests.peers import events_of
 
 SECOND = 1_000_000
 
@@ -34,10 +35,6 @@ class Still:
         return PositionSample(t_us, (0.025,))
 
 
-def events(node):
-    return list(iter(node.next_event, None))
-
-
 @pytest.mark.parametrize("round_trip_ms", [0, 40, 220, 500, 960])
 @pytest.mark.parametrize("change", CHANGES)
 def test_a_change_in_contact_is_not_felt(loopback, change, round_trip_ms, sealed):
@@ -52,7 +49,7 @@ def test_a_change_in_contact_is_not_felt(loopback, change, round_trip_ms, sealed
     assert true_n > 1.0
     held_n = link.master.recording.table()["held_n"][4000:]
     assert abs(held_n - true_n).max() <= link.master.codec.law.threshold_n(true_n) * 1.01
-    kinds = [type(event) for event in events(link.master)]
+    kinds = [type(event) for event in events_of(link.master)]
     assert kinds.count(LinkStale) == (round_trip_ms > 200), "only before the very first force"
 
 
@@ -104,14 +101,14 @@ def test_the_scene_stays_pierced_and_the_force_follows_the_new_law(loopback, sea
     link.run(3 * SECOND)
     (before,) = link.slave.contexts
     assert before.scene.breaches > 0
-    events(link.master)
+    events_of(link.master)
     link.master.change(codec="level-crossing", law=WeberLaw(multiplier=2.0))
     link.run(SECOND)
     (after,) = link.slave.contexts
     assert after.scene is before.scene
     assert after is not before
     assert (after.codec.name, after.codec.law.multiplier) == ("level-crossing", 2.0)
-    assert [type(event) for event in events(link.master)] == [Connected, SettingsInForce]
+    assert [type(event) for event in events_of(link.master)] == [Connected, SettingsInForce]
     assert link.master.report()["codec"] == "level-crossing"
     link.run(SECOND)
     error_n = abs(link.master.held_force_n(link.now_us)[0] - after.scene.force_n)
@@ -145,14 +142,14 @@ def test_a_change_that_the_slave_refuses_leaves_the_session_as_it_was(loopback, 
     link = loopback(1)
     link.run(SECOND)
     (before,) = link.slave.contexts
-    events(link.master)
+    events_of(link.master)
     monkeypatch.setattr("hapticnet.node.admission.all_codecs", dict)
     monkeypatch.setattr(
         "hapticnet.node.admission.make_codec", lambda *_: (_ for _ in ()).throw(SettingsError("not served here"))
     )
     link.master.change(codec="raw")
     link.run(SECOND)
-    (refused,) = events(link.master)
+    (refused,) = events_of(link.master)
     assert isinstance(refused, ChangeRefused)
     assert (refused.code, refused.reason) == (Code.CODEC, "not served here")
     assert link.slave.contexts == (before,)
@@ -163,11 +160,11 @@ def test_a_change_that_the_slave_refuses_leaves_the_session_as_it_was(loopback, 
 def test_an_unknown_codec_is_refused_before_anything_is_asked(loopback):
     link = loopback(1)
     link.run(SECOND)
-    events(link.master)
+    events_of(link.master)
     with pytest.raises(SettingsError, match="morse"):
         link.master.change(codec="morse")
     link.run(SECOND)
-    assert events(link.master) == []
+    assert events_of(link.master) == []
     assert link.master.codec.name == "deadband"
 
 
@@ -204,7 +201,7 @@ def test_a_change_is_in_force_from_the_first_force_of_the_new_session(loopback):
     assert first.scene == second.scene == link.master.scene_name
     # Request, cookie and grant take two round trips; then the first position must be answered.
     assert changed_us >= 2 * SECOND + 3 * 2 * WAY_US
-    kinds = [type(event) for event in events(link.master)]
+    kinds = [type(event) for event in events_of(link.master)]
     assert kinds == [Connected, SettingsInForce, Connected, SettingsInForce]
     assert [each["t_s"] for each in link.master.report()["in_force"]] == [0.0, (changed_us - begun_us) / 1e6]
 
@@ -229,7 +226,7 @@ def test_the_force_is_that_of_the_settings_in_force(loopback):
 def test_emulated_networks_are_told_when_they_change_and_only_then(loopback):
     link = loopback(1)
     link.master.emulate("delay=5ms", None)
-    assert events(link.master) == [], "nothing is in force before there is a session"
+    assert events_of(link.master) == [], "nothing is in force before there is a session"
     link.run(SECOND)
     link.master.emulate("delay=5ms", None)
     link.run(SECOND)

@@ -1,14 +1,17 @@
-"""Operators, scenes and codecs of the user's own that raise: one event, no force, an orderly end."""
+"""Operators, scenes and codecs of the user that raise: one event, no force, and an orderly end or a pause."""
 
 import numpy as np
 import pytest
 
 from hapticnet.channel.emulator import Emulator
 from hapticnet.channel.spec import parse_channel
-from hapticnet.node.events import Failed, MasterLeft
+from hapticnet.device.simulated import PlantSettings, SimulatedDevice
+from hapticnet.node.events import Failed, MasterLeft, Paused, ScenePaused
 from hapticnet.protocol.messages import Code
 from hapticnet.protocol.states import Ended, SessionLost
 from hapticnet.samples import ForceSample, PositionSample
+from tests.conftest import linked
+from tests.peers import events_of
 
 SECOND = 1_000_000
 
@@ -38,26 +41,22 @@ class BreaksDown:
         return self._call(lambda t_us: self._inner.reconstruct(t_us, position, position_us), t_us)
 
 
-def events(node):
-    return list(iter(node.next_event, None))
-
-
 def test_an_operator_that_raises_is_told_once_the_force_goes_to_zero_and_the_session_ends(loopback):
     link = loopback(1, device=True, feedback="delay=20ms", forward="delay=20ms")
     while link.master.held_force_n(link.now_us)[0] < 1.0:
         link.run(5_000)
-    events(link.master)
+    events_of(link.master)
     link.master._operator = BreaksDown(link.master._operator, 0)
     failed_us = link.now_us
     link.run(SECOND)
-    failure, end = events(link.master)
+    failure, end = events_of(link.master)
     assert isinstance(failure, Failed)
     assert failure.reason.startswith("the operator failed: ValueError: no hand at all (test_node_failures.py, line")
     assert end == Ended(failure.reason, refused=False)
     assert link.master.failure == link.master.end_reason == failure.reason
     table = link.master.recording.table()
     assert (table["target_n"][table["t_us"] > failed_us + 1_000] == 0.0).all()
-    (left,) = [event for event in events(link.slave) if isinstance(event, MasterLeft)]
+    (left,) = events_like(link.slave, MasterLeft)
     assert left.context.session.end_reason == f"the master closed: {failure.reason}"
 
 
@@ -81,10 +80,10 @@ def test_an_operator_whose_position_cannot_be_sent_has_failed(loopback, position
 def test_a_decoder_that_raises_ends_the_session_once(loopback, calls):
     link = loopback(1, device=True)
     link.run(SECOND)
-    events(link.master)
+    events_of(link.master)
     link.master._applied._stream.decoder = BreaksDown(link.master._applied._stream.decoder, calls)
     link.run(SECOND)
-    failure, end = events(link.master)
+    failure, end = events_of(link.master)
     assert failure.reason.startswith("the codec failed: ValueError: no hand at all (test_node_failures.py, line")
     assert end == Ended(failure.reason, refused=False)
     assert link.master.held_force_n(link.now_us)[0] == 0.0
@@ -93,7 +92,7 @@ def test_a_decoder_that_raises_ends_the_session_once(loopback, calls):
 def test_a_device_that_raises_ends_the_session_once_and_is_still_asked_for_no_force(loopback):
     link = loopback(1, device=True)
     link.run(SECOND)
-    events(link.master)
+    events_of(link.master)
     asked = []
 
     def exchange(displacement_m, _):
@@ -103,7 +102,7 @@ def test_a_device_that_raises_ends_the_session_once_and_is_still_asked_for_no_fo
     link.master._rendering.fingertip.device.exchange = exchange
     link.forward = Emulator(parse_channel("loss=100%"), np.random.default_rng(0))
     link.run(SECOND)
-    failure, end = events(link.master)
+    failure, end = events_of(link.master)
     assert failure.reason.startswith("the device failed: OSError: unplugged (test_node_failures.py, line")
     assert end == Ended(failure.reason, refused=False)
     assert len(asked) > 200, "until the slave would have answered the CLOSE"
@@ -116,11 +115,11 @@ def test_a_scene_that_raises_ends_its_session_once_and_no_other(loopback, steps)
     make_scene = link.slave._admission._make_scene
     link.slave._admission._make_scene = lambda entry: BreaksDown(make_scene(entry), steps)
     link.run(SECOND)
-    (left,) = [event for event in events(link.slave) if isinstance(event, MasterLeft)]
+    (left,) = events_like(link.slave, MasterLeft)
     reason = left.context.session.end_reason
     assert reason.startswith("the slave closed: the scene failed: ValueError: no hand at all (test_node_failures.py,")
     assert left.context.steps == steps + 1
-    end = events(link.master)[-1]
+    end = events_of(link.master)[-1]
     assert end == Ended(reason, refused=False, code=Code.FAILED)
     assert link.master.failure == reason
     assert link.master.report()["connections"] == 1
@@ -175,7 +174,7 @@ def test_a_scene_that_cannot_be_made_is_a_refusal(loopback):
 
     link.slave._admission._make_scene = fail
     link.run(SECOND)
-    (end,) = events(link.master)
+    (end,) = events_of(link.master)
     assert (end.refused, end.code) == (True, Code.FAILED)
     assert end.reason.startswith("the scene cannot be made: OSError: no such robot (test_node_failures.py, line")
 
@@ -183,8 +182,123 @@ def test_a_scene_that_cannot_be_made_is_a_refusal(loopback):
 def test_a_slave_that_shuts_down_is_asked_again(loopback):
     link = loopback(1)
     link.run(SECOND)
-    events(link.master)
+    events_of(link.master)
     link.slave.close("shutting down", link.now_us)
     link.run(SECOND // 10)
-    assert [type(event) for event in events(link.master)][:1] == [SessionLost]
+    assert [type(event) for event in events_of(link.master)][:1] == [SessionLost]
     assert link.master.report()["connections"] == 2
+
+
+class Spring:
+    """A scene that can be broken and mended."""
+
+    name = "spring"
+
+    def __init__(self, axes=1):
+        self.axes, self.broken, self.calls = axes, False, 0
+
+    def step(self, sample):
+        self.calls += 1
+        if self.broken:
+            raise OSError("the arm does not answer")
+        return ForceSample(sample.t_us, tuple(200.0 * each for each in sample.position_m))
+
+
+class Hand:
+    """An operator that can be broken and mended, and feels."""
+
+    duration_us = None
+
+    def __init__(self, *at_m):
+        self.at_m, self.axes, self.broken, self.calls, self.felt = at_m, len(at_m), False, 0, []
+
+    def feel(self, t_us, force_n):
+        self.felt.append((t_us, force_n))
+
+    def sample(self, t_us):
+        self.calls += 1
+        if self.broken:
+            raise RuntimeError("no hand")
+        return PositionSample(t_us, self.at_m)
+
+
+def pausing(hand, scene, device=None, **settings):
+    return linked(hand, lambda _: scene, device=device, slave={"on_error": "pause"}, on_error="pause", **settings)
+
+
+def events_like(node, kind):
+    return [event for event in events_of(node) if isinstance(event, kind)]
+
+
+def test_an_operator_that_raises_is_not_asked_again_until_it_is_resumed():
+    hand = Hand(0.01)
+    link = pausing(hand, Spring())
+    link.run(SECOND)
+    assert link.master.held_n == (2.0,)
+    hand.broken = True
+    link.run(SECOND)
+    (paused,) = events_like(link.master, Paused)
+    assert paused.reason.startswith("the operator failed: RuntimeError: no hand")
+    assert (link.master.paused, link.master.held_n) == (paused.reason, (0.0,))
+    assert link.master.session.streaming, "the session goes on"
+    hand.broken, calls = False, hand.calls
+    link.run(SECOND)
+    assert hand.calls == calls
+    link.master.resume()
+    held_n = []
+    for _ in range(300):
+        link.run(1000)
+        held_n.append(link.master.held_n[0])
+    assert held_n[-1] == 2.0
+    assert max(np.diff([0.0, *held_n])) < 0.15, "the force rises at the slew limit"
+    assert len(link.slave.contexts) == 1
+
+
+def test_a_scene_that_raises_gives_no_force_until_it_is_resumed():
+    scene = Spring()
+    link = pausing(Hand(0.01), scene)
+    link.run(SECOND)
+    scene.broken = True
+    link.run(SECOND)
+    (paused,) = events_like(link.slave, ScenePaused)
+    assert "OSError: the arm does not answer" in paused.reason
+    assert link.master.held_n == (0.0,)
+    scene.broken, calls = False, scene.calls
+    link.run(SECOND)
+    assert scene.calls == calls
+    link.slave.resume()
+    link.run(SECOND)
+    assert link.master.held_n == (2.0,)
+
+
+def test_every_axis_is_felt_held_and_recorded():
+    hand = Hand(0.01, 0.0, -0.005)
+    link = pausing(hand, Spring(3), record=True, record_datagrams=True)
+    link.run(SECOND)
+    assert link.master.held_n == (2.0, 0.0, -1.0)
+    assert hand.felt[-1][1] == (2.0, 0.0, -1.0)
+    assert len(hand.felt) == hand.calls
+    master, slave = link.master.recording.table(), link.slave.contexts[0].recording.table()
+    assert (master["held_z_n"][-1], master["position_z_m"][-1]) == (-1.0, -0.005)
+    assert (slave["force_z_n"][-1], slave["held_x_n"][-1]) == pytest.approx((-1.0, 2.0), rel=1e-6)
+    datagrams = link.master.datagrams.table()
+    sent = link.master.session.sent
+    assert datagrams["datagram_bytes"][datagrams["direction"] == 1].sum() == sent.report()["payload_bytes"]
+
+
+def test_both_sides_record_the_same_times_however_long_the_masters_host_has_been_up():
+    hand = Hand(0.01)
+    link = pausing(hand, Spring(), record=True)
+    link.now_us = link._next_tick_us = 5 * (1 << 32) + 12_345
+    link.run(SECOND)
+    master, slave = link.master.recording.table(), link.slave.contexts[0].recording.table()
+    assert slave["t_us"][0] > 5 * (1 << 32)
+    assert set(slave["t_us"]) <= set(master["t_us"])
+
+
+@pytest.mark.parametrize(("takes", "target_n"), [("x", 1.2), ("z", 0.5), ("norm", 1.3)])
+def test_a_device_renders_the_axis_that_it_is_declared_to_take(takes, target_n):
+    device = SimulatedDevice(PlantSettings(), np.random.default_rng(1))
+    link = pausing(Hand(0.006, 0.0, 0.0025), Spring(3), device, device_takes=takes)
+    link.run(SECOND)
+    assert link.master.target_n == pytest.approx(target_n)

@@ -1,4 +1,4 @@
-"""What a peer must refuse: the golden vectors, for both ends of a session, open and sealed."""
+"""What a peer must refuse, and what both ends do with what arrives: golden vectors."""
 
 import json
 from pathlib import Path
@@ -8,12 +8,16 @@ import numpy as np
 import pytest
 
 from hapticnet.errors import PeerError
+from hapticnet.node.master import MasterNode
+from hapticnet.node.settings import MasterSettings
+from hapticnet.operator.base import UserOperator
 from hapticnet.protocol.handshake import hello_mac
 from hapticnet.protocol.messages import Close, Hello, pack_hello, unpack_hello, unpack_position
 from hapticnet.protocol.wire import OPEN, SEALED, Kind, pack, pack_body, unpack
+from hapticnet.scene.settings import Tissue
 from tests.node.undisturbed import HERE, SESSION, Masters, Slaves, make_master, slave_of_session
 from tests.peers import GRANT, SLAVE, HandMaster, HandSlave
-from tests.vectors import make_refused
+from tests.vectors import make_refused, make_traces
 
 VECTORS = json.loads((Path(__file__).parents[1] / "vectors" / "refused.json").read_text())
 
@@ -248,3 +252,44 @@ def test_what_is_replayed_from_under_an_earlier_key_costs_nothing(monkeypatch):
         for address in (HERE, STRANGER):
             assert ends.disturb(data, address) == []
     ends.step()
+
+
+TRACES = json.loads((Path(__file__).parents[1] / "vectors" / "traces.json").read_text())
+
+
+def test_the_traces_are_those_of_the_document():
+    assert make_traces.document() == TRACES
+
+
+@pytest.mark.parametrize("trace", TRACES["traces"], ids=lambda trace: trace["name"])
+def test_a_master_follows_a_golden_trace(trace):
+    places = {tick["now_us"]: tick["position_m"] for tick in trace["ticks"]}
+
+    class Hand:
+        axes = 1
+
+        def sample(self, t_us):
+            return places[t_us]
+
+    settings = MasterSettings(codec=trace["codec"], rate_hz=trace["rate_hz"])
+    master = MasterNode(UserOperator(Hand()), None, settings, np.random.default_rng(1))
+    slave = HandSlave(master).connect(grant=GRANT._replace(session=SESSION))
+    for tick in trace["ticks"]:
+        now_us = tick["now_us"]
+        master.tick(now_us)
+        (position,) = slave.said()
+        assert unpack_position(position.body).newest == tick["newest"], now_us
+        for arrival in tick["arrives"]:
+            master.receive_datagram(bytes.fromhex(arrival["hex"]), now_us)
+        master.drive(now_us)
+        assert list(master.received_n) == tick["stimulus_n"], now_us
+
+
+def test_a_slave_follows_a_golden_trace():
+    spring = Tissue(name="spring", rest_position_m=0.02, stiffness_n_per_m=300.0, breach_force_n=1e6)
+    slave = slave_of_session((spring,))
+    HandMaster(slave, HERE).join()
+    for entry in TRACES["slave"]:
+        slave.receive_datagram(bytes.fromhex(entry["arrives"]), HERE, entry["now_us"])
+        answers = [data.hex() for data, _ in slave.datagrams_to_send()]
+        assert answers == [entry["answer"]] * (entry["answer"] is not None), entry

@@ -201,16 +201,6 @@ def test_a_grant_does_not_show_its_ticket_in_a_log():
     assert "ticket" not in repr(GRANT)
 
 
-@pytest.mark.parametrize("fields", [{"announced": True}, {"position_share": 0.25}, {"position_share": 1e-300}])
-def test_a_grant_of_what_was_not_asked_for_changes_nothing(fields, sealed):
-    session = new_session(sealed)
-    slave = HandSlave(session, sealed=sealed)
-    slave.connect(grant=GRANT._replace(**fields))
-    assert events_of(session) == []
-    assert not session.streaming
-    assert session.received.malformed == 1
-
-
 SILENT_US = 45_000 + 10_000
 
 
