@@ -25,10 +25,7 @@ def draw_results(results: Results, folder: Path) -> list[Path]:
 
     Raise UnavailableError if matplotlib is missing.
     """
-    paints: dict[str, Callable[[Any, Results], None]] = {
-        "bytes-per-penetration": _bytes,
-        "correct-orders": _correct,
-    }
+    paints: dict[str, Callable[[Any, Results], None]] = {"bytes-per-penetration": _bytes, "correct-orders": _correct}
     if results.curve is not None:
         paints["curve"] = _curve
     files = [folder / f"{name}.{form}" for name in paints for form in FORMS]

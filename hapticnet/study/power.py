@@ -117,11 +117,7 @@ def _simulate(answers: ShareAnswers, people: int, trials: int, margin: float, se
             least = sum(chance_variance(right[experiment][each], people * trials, people) for each in (0, condition))
             *_, shown = equivalence(differences, margin, least_variance=least)
             low, high = mean_interval(differences, least_variance=least)
-            found[1:, experiment, condition] = (
-                two_sided(sign_flip(differences)) < ALPHA,
-                shown,
-                0.5 * (high - low),
-            )
+            found[1:, experiment, condition] = (two_sided(sign_flip(differences)) < ALPHA, shown, 0.5 * (high - low))
     return found
 
 

@@ -16,10 +16,7 @@ class Injector:
 
     Every now and then the attacker changes its mood: some moods only pass on or drop, others replay and forge.
 
-    Parameters
-    ----------
-    forges
-        Whether it also alters and makes datagrams; otherwise it is a bad network that also replays.
+    `forges`: whether it also alters and makes datagrams; otherwise it is a bad network that also replays.
     """
 
     def __init__(self, seed: int, *, forges: bool = True) -> None:

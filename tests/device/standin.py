@@ -31,18 +31,11 @@ FRAME_MS, SILENCE_MS = 20, 190
 
 
 class StandIn:
-    """A device that ticks in milliseconds.
-
-    Attributes
-    ----------
-    sent
-        Bytes sent and not yet read.
-    setpoints
-        Every received setpoint with the pulses held at that time.
-    """
+    """A device that ticks in milliseconds."""
 
     def __init__(self, *, boot_id: int = 7, reset_cause: int = 2, major: int = PROTOCOL_MAJOR) -> None:
-        self.sent = b""
+        self.sent = b""  # bytes sent and not yet read
+        # Every received setpoint with the pulses held at that time
         self.setpoints: list[tuple[Setpoint, tuple[int, ...]]] = []
         self.servos = Servos(Linkage(), Servo(backlash_deg=0.0))
         self.adc = 0
@@ -131,17 +124,12 @@ class StandIn:
 
 
 class Line:
-    """A wired device and the stand-in at the other end, in virtual time.
-
-    Attributes
-    ----------
-    host_hears, device_hears
-        Functions applied to the bytes in each direction; replace them for noise and loss.
-    """
+    """A wired device and the stand-in at the other end, in virtual time."""
 
     def __init__(self, host: WiredDevice, device: StandIn) -> None:
         self.host, self.device = host, device
         self.now_us = 5_000_000
+        # Functions applied to the bytes in each direction; replace them for noise and loss
         self.host_hears: Callable[[bytes], bytes] = bytes
         self.device_hears: Callable[[bytes], bytes] = bytes
 

@@ -9,9 +9,7 @@ from collections import deque
 from collections.abc import Callable, Iterable
 from typing import Final, TypeAlias
 
-Fate: TypeAlias = Iterable[tuple[float, bytes]]
-"""What is sent on for one datagram: each with its delay [s]."""
-
+Fate: TypeAlias = Iterable[tuple[float, bytes]]  # what is sent on for one datagram: each with its delay [s]
 REMEMBERED: Final = 4096
 LARGEST: Final = 2048
 
@@ -32,17 +30,7 @@ def late(delay_s: float) -> Callable[[bytes], Fate]:
 
 
 class OnPath:
-    """Relay between one master and a slave, in a thread of its own.
-
-    Attributes
-    ----------
-    address
-        Where the master finds the slave, as it believes: HOST:PORT.
-    forward, feedback
-        What becomes of each datagram to the slave and to the master; may be replaced at any time.
-    to_slave, to_master
-        The newest datagrams that came from the master and from the slave.
-    """
+    """Relay between one master and a slave, in a thread of its own."""
 
     def __init__(self, slave: str) -> None:
         host, _, port = slave.rpartition(":")
@@ -50,9 +38,12 @@ class OnPath:
         self._master: tuple[str, int] | None = None
         self._front = self._bound()
         self._back = self._bound()
+        # Where the master finds the slave, as it believes: HOST:PORT
         self.address = "{}:{}".format(*self._front.getsockname())
+        # What becomes of each datagram to the slave and to the master; may be replaced at any time
         self.forward: Callable[[bytes], Fate] = pass_on
         self.feedback: Callable[[bytes], Fate] = pass_on
+        # The newest datagrams that came from the master and from the slave
         self.to_slave: deque[bytes] = deque(maxlen=REMEMBERED)
         self.to_master: deque[bytes] = deque(maxlen=REMEMBERED)
         self._waiting: list[tuple[float, int, bool, bytes]] = []
