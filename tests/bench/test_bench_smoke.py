@@ -26,33 +26,12 @@ def test_packet_rate_keeps_the_laws_of_the_deadband_at_every_rate(measured):
         assert all(0.0 < row["rmse_n"] < row["max_error_n"] for row in rows[1:])
 
 
-def test_packet_rate_agrees_with_both_nodes_in_virtual_time(measured):
-    results = measured("packet_rate")
-    assert [row["condition"] for row in results["check"]] == CONDITIONS
-    for row in results["check"]:
-        assert row["samples_difference"] == row["packets_difference"] == row["rmse_n_difference"] == 0
-        # Keepalives take sequence numbers, and in so short a run those grow by two bytes a packet at most.
-        assert 0.0 <= row["bytes_per_penetration_mean_difference"] <= 2 * row["packets"] / 3
-
-
-def test_packet_rate_says_where_the_papers_reduction_falls(measured):
-    results = measured("packet_rate")
-    assert results["paper_byte_reduction"] == 0.617
-    for curve in [*results["over_speeds"], results["without_floor"]]:
-        crossing_hz = curve["crossing_hz"]
-        assert crossing_hz is None or RATES_HZ[0] < crossing_hz <= RATES_HZ[-1]
-
-
 @pytest.mark.parametrize(
     "arguments",
     [
         ("packet_rate", "--insertions", 0),
-        ("packet_rate", "--seeds", 0),
         ("rate_distortion", "missing.csv"),
-        ("rate_distortion", "--seconds", 0),
-        ("force_loop", "--seeds", 0),
         ("sessions", "--cases", "raw; nothing"),
-        ("scene_accuracy", "--trials", 0),
     ],
 )
 def test_a_benchmark_refuses_arguments_it_cannot_use_in_one_line(bench, arguments):
@@ -112,54 +91,6 @@ def test_real_time_measures_hapticnet_beside_its_limits(measured):
             assert other - one == pytest.approx(16.0, abs=8.0)
 
 
-def test_codec_stability_finds_every_codec_in_step_and_repaired(measured):
-    results = measured("codec_stability")
-    assert all(row["in_step"] for row in results["signals"])
-    assert {row["codec"] for row in results["signals"]} == {row["codec"] for row in results["loss"]}
-    for row in results["loss"]:
-        assert (row["recoveries"] > 0) == (row["recovery_ms_max"] > 0.0) == (row["recovery_ms_median"] > 0.0)
-        assert row["loss"] > 0.0 or row["recoveries"] == 0
-    assert all(row["samples"] >= 100_000 and row["times_out_of_step"] == 0 for row in results["long"])
-
-
-def test_force_loop_measures_the_step_on_every_finger(measured):
-    results = measured("force_loop")
-    assert results["device"] == "sim"
-    assert [row["stiffness_n_m"] for row in results["step"]] == [300.0, 1000.0, 3000.0]
-    for row in results["step"]:
-        # One of three servos by 8 µs: 0.8° of a 12 mm arm, which stands up to 30° off level.
-        assert 0.048e-3 < row["servo_step_m"] < 0.056e-3
-        assert row["steady_bound_n"] >= 0.5 * row["servo_step_n"]
-        assert row["trace"]["t_s"][0] == pytest.approx(-0.1, abs=2e-3)
-        assert len({len(column) for column in row["trace"].values()}) == 1
-        for force in ("sensed", "true"):
-            assert 0.03 < row[force]["rise_s"]["median"] <= row[force]["rise_s"]["worst"] <= 0.2
-            assert row[force]["overshoot"]["worst"] < 0.1
-    usual = results["step"][1]["true"]
-    assert usual["settling_s"]["worst"] <= 0.35
-    assert max(usual["steady_error_n"]["worst"], usual["ripple_peak_to_peak_n"]["worst"]) <= 0.05
-
-
-def test_force_loop_measures_every_control_rate(measured):
-    rows = measured("force_loop")["rates"]
-    assert [row["rate_hz"] for row in rows] == [25, 100, 500]
-    assert rows[1]["cpu_ratio"] == 1.0
-    assert all(row["cpu_us_per_s"] > 0.0 for row in rows)
-    slow, _, fast = (row["fingers"][1] for row in rows)
-    assert fast["true"]["settling_s"]["median"] < slow["true"]["settling_s"]["median"]
-    assert fast["sensed"]["ripple_peak_to_peak_n"]["median"] > slow["sensed"]["ripple_peak_to_peak_n"]["median"]
-
-
-def test_force_loop_has_its_margins_beside_the_observed_edge(measured):
-    rows = measured("force_loop")["edges"]
-    assert [row["delay_ms"] for row in rows] == [0, 40]
-    for row in rows:
-        # The linear model leaves out how frames, control periods and readings fall together.
-        assert 0.6 * row["frozen"]["gain"] < row["linear_edge"] < 1.2 * row["frozen"]["gain"]
-        assert 1.0 < row["hunts_from"] <= row["swings_from"]
-    assert rows[1]["linear_edge"] < rows[0]["linear_edge"]
-
-
 def test_force_loop_never_presses_harder_than_the_device_may_and_comes_to_rest(measured):
     rows = measured("force_loop")["largest"]
     assert len({row["scenario"] for row in rows}) == len(rows) / 6 == 15
@@ -171,45 +102,6 @@ def test_force_loop_never_presses_harder_than_the_device_may_and_comes_to_rest(m
         elif row["scenario"] != "twice as stiff at 2 N":
             assert row["max_n"] <= 5.0
             assert row["above_limit_ms"] == 0
-
-
-def test_finger_limit_puts_the_chain_between_the_limit_and_what_it_was(measured):
-    results = measured("finger_limit")
-    (ideal,) = results["ideal"]
-    before, untold, told = results["loop"]
-    assert ideal["limit"] < told["rmse_n"] < ideal["without_the_future"] < untold["rmse_n"] < before["rmse_n"]
-    assert told["of_limit"] < 1.9
-    for row in results["loop"]:
-        assert sum(row["shares"].values()) == pytest.approx(1.0)
-        assert row["largest_n"] <= 5.0
-    assert before["shares"]["until_first_touch"] > 0.1
-
-
-def test_rate_distortion_puts_every_codec_beside_the_optimum(measured):
-    results = measured("rate_distortion")
-    assert {row["codec"] for row in results["rows"]} == set(CODECS)
-    assert all(0 < row["optimum_lines"] <= row["optimum_holds"] for row in results["rows"])
-    within = [row for row in results["rows"] if row["multiplier"] <= 1.0 and not row["loss"]]
-    assert {row["exceed_jnd_fraction"] for row in within if row["codec"] == "deadband"} == {0.0}
-
-
-def test_scene_accuracy_approaches_the_exact_breach_as_the_rate_grows(measured):
-    results = measured("scene_accuracy")
-    late_ms = [row["late_mean_ms"] for row in results["breaches"]]
-    assert late_ms == sorted(late_ms, reverse=True)
-    assert all(row["largest_force_n"] <= results["breach_force_n"] for row in results["breaches"])
-
-
-def test_repair_is_compared_with_the_same_link_without_loss(measured):
-    rows = {(row["repair"], row["loss"], row["clock"], row["delay_us"]): row for row in measured("repair")["rows"]}
-    for delay_us in (0, 100_000):
-        without = rows["no repair", 0.0, "datagrams", delay_us]
-        assert (without["exceed_by_loss"], without["more_bytes"], without["lost_updates"]) == (0.0, 0.0, 0)
-        for clock in ("datagrams", "ms"):
-            lossy = rows["no repair", 0.1, clock, delay_us]
-            assert lossy["exceed_by_loss"] > 0.0
-            assert lossy["more_feedback_bytes"] < 0.0
-            assert rows["all", 0.1, clock, delay_us]["exceed_by_loss"] <= lossy["exceed_by_loss"]
 
 
 def test_hostile_datagrams_raise_nothing_and_leave_no_memory_behind(measured):
@@ -271,27 +163,3 @@ def test_a_long_session_ends_as_it_began(measured):
         assert row["force_difference_n"] < 1e-6
         assert 20_000 <= row["lag_us"] <= 20_000 + 2e6 / row["rate_hz"], "the delay, and less than two periods"
         assert row["memory_growth_mb"] < 5.0
-
-
-def test_felt_measures_every_codec_with_and_without_delay(measured):
-    results = measured("felt")
-    rows = results["rows"]
-    assert {row["codec"] for row in rows} == set(CODECS)
-    assert {row["kind"] for row in rows} == {"paper's scene", "other scenes", "three axes"}
-    raw = {(row["signal"], row["delay_ms"]): row for row in rows if row["codec"] == "raw"}
-    for (_, delay_ms), row in raw.items():
-        late = delay_ms > 0  # without delay, float32 payloads round
-        assert (row["exceed_jnd_fraction"] > 0.0, row["rmse_n"] > 1e-6, row["created_share"] > 1e-6) == (late,) * 3
-    assert {row["exceed_jnd_fraction"] for row in rows if row["codec"] == "deadband" and not row["delay_ms"]} == {0.0}
-    assert all(row["active_share"] <= row["created_share"] + 0.01 for row in raw.values())
-    assert {row["codec"] for row in results["means"]} == set(CODECS)
-
-
-def test_positions_cost_a_fraction_of_raw_ones_and_are_felt_as_well(measured):
-    raw, few, raw_late, few_late = measured("positions")["rows"]
-    assert (raw["share"], raw_late["share"]) == (None, None)
-    for every, some in ((raw, few), (raw_late, few_late)):
-        assert some["bytes_per_s"] < 0.08 * every["bytes_per_s"]
-        assert some["positions_per_s"] < 60.0
-        assert some["exceed_jnd_fraction"] < every["exceed_jnd_fraction"] + 0.02
-        assert some["breaches"] == every["breaches"] == 0.0

@@ -4,6 +4,7 @@ import os
 import sys
 from collections.abc import Callable
 from dataclasses import dataclass
+from pathlib import Path
 
 import pytest
 
@@ -38,3 +39,12 @@ def run(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> 
         return Done(end.value.code, printed.out, printed.err)
 
     return command
+
+
+@pytest.fixture
+def home(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """Return the folder in which this user's keys are kept; the environment names no key."""
+    monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path / "config"))
+    for name in ("HAPTICNET_KEY", "HAPTICNET_MASTERS", "HAPTICNET_PEER_KEY"):
+        monkeypatch.delenv(name, raising=False)
+    return tmp_path / "config" / "hapticnet"

@@ -8,16 +8,8 @@ from tests.ready import hapticnet
 
 ANYWHERE = ("--listen", "0.0.0.0:0")
 ELSEWHERE = ("--connect", "192.0.2.1:47800")  # RFC 5737: never assigned, so nothing is reached
+pytestmark = pytest.mark.usefixtures("home")
 ZEROS = format_key(bytes(32))
-
-
-@pytest.fixture(autouse=True)
-def home(tmp_path, monkeypatch):
-    """Return the folder in which this user's keys are kept; it does not exist."""
-    monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path / "config"))
-    for name in ("HAPTICNET_KEY", "HAPTICNET_MASTERS", "HAPTICNET_PEER_KEY"):
-        monkeypatch.delenv(name, raising=False)
-    return tmp_path / "config" / "hapticnet"
 
 
 def make_key(path):
@@ -114,13 +106,5 @@ def test_a_report_does_not_overwrite_a_key_or_the_list(tmp_path):
     assert_one_line(done, "is an input and would be overwritten")
 
 
-@pytest.mark.parametrize(
-    ("arguments", "words"),
-    [
-        (("slave", "--keep", "0.5"), "--keep is 0.5 s; it must be between 1"),
-        (("slave", "--most-sessions-per-key", "0"), "--most-sessions-per-key"),
-        (("master", "--max-age", "0"), "--max-age is 0.0 s; it must be between 0.01"),
-    ],
-)
-def test_limits_that_cannot_be_are_refused(arguments, words):
-    assert_one_line(hapticnet(*arguments), words)
+def test_limits_that_cannot_be_are_refused():
+    assert_one_line(hapticnet("slave", "--keep", "0.5"), "--keep is 0.5 s; it must be between 1")
