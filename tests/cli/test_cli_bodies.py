@@ -64,8 +64,6 @@ def test_compare_tries_codecs_on_a_scene_under_its_scripted_hand(run):
         (("--start", "0,0,0"), "--start moves the positions of a TRACE in a --scene"),
         (("--scene", "phantom", "--force-column", "x"), "--force-column names a recorded force"),
         (("--scene", "phantom", "--position-column", "x,y,z", "--start", "1,b"), "start '1,b' must be one to three"),
-        (("--scene", "phantom", "--position-column", "x,y,z", "--start", "1"), "the start has 1 coordinates; the pos"),
-        (("--scene", "paper", "--position-column", "x,y,z"), "the positions have 3 axes; paper:0 has 1"),
     ],
 )
 def test_what_does_not_fit_together_is_told_in_one_line(run, hand, arguments, message):

@@ -18,12 +18,6 @@ from tests.ready import hapticnet
 
 CODECS = every_codec()
 
-OWN = """
-from hapticnet.codec.schemes.deadband import Deadband
-
-class Own(Deadband):
-    name = "own"
-"""
 WIDE = "adaptive-predictive:horizon_ms=150,jump_thresholds=0.5,step_n=0.001"
 
 
@@ -117,16 +111,6 @@ def test_a_grid_tries_every_combination_and_parameters_where_they_exist(traces):
     assert len([row for row in rows if row["codec"] == "raw"]) == 2
 
 
-def test_a_codec_from_a_file_is_compared_in_several_processes(traces, tmp_path):
-    (tmp_path / "own.py").write_text(OWN)
-    codecs = f"deadband;{tmp_path}/own.py:Own"
-    arguments = ("--codecs", codecs, "--multipliers", "1", "--plot-dir", tmp_path / "plots", "--signal", "own")
-    done = hapticnet("compare", traces[0], "--force-column", "fx", *arguments, "--jobs", "2", "--json")
-    deadband, own = json.loads(done.stdout)["rows"]
-    assert own["label"] == "own"
-    assert own["sent"] == deadband["sent"]
-
-
 def test_a_long_run_tells_how_far_it_is_where_there_is_no_terminal(monkeypatch, capfd):
     now_s = [0.0]
     monkeypatch.setattr("hapticnet.cli.console.time.monotonic", lambda: now_s[0])
@@ -164,24 +148,18 @@ def test_figures_are_overwritten_only_on_demand_and_the_same_each_time(traces, t
     assert [file.read_bytes() for file in drawn] == before
 
 
-@pytest.mark.parametrize(("form", "start"), [("pdf", b"%PDF"), ("svg", b"<?xml")])
-def test_figures_are_drawn_in_any_format(traces, tmp_path, form, start):
-    arguments = ("--codecs", "raw", "--plot-format", form, "--plot-dir", tmp_path / "plots")
-    assert hapticnet("compare", traces[0], "--force-column", "fx", *arguments).returncode == 0
-    (file,) = (tmp_path / "plots").iterdir()
-    assert file.name == f"{FIGURES[-1]}.{form}"
-    assert file.read_bytes().startswith(start)
-
-
-@pytest.mark.parametrize("recordings", [1, 2])
-def test_several_recordings_and_a_constant_force_are_drawn(traces, tmp_path, recordings):
+@pytest.mark.parametrize(("recordings", "form", "start"), [(1, "pdf", b"%PDF"), (2, "svg", b"<?xml")])
+def test_several_recordings_and_a_constant_force_are_drawn_in_any_format(traces, tmp_path, recordings, form, start):
     still = tmp_path / "still.csv"
     still.write_text("t_s,fx\n" + "".join(f"{n / 1000},0\n" for n in range(500)))
-    plots = ("--plot-dir", tmp_path / "plots", "--codecs", "raw;deadband;linear-predictive", "--multipliers", "1")
-    done = hapticnet("compare", still, *traces[: recordings - 1], "--force-column", "fx", *plots)
+    plots = ("--plot-dir", tmp_path / "plots", "--plot-format", form)
+    chosen = ("--codecs", "raw;deadband;linear-predictive", "--multipliers", "1")
+    done = hapticnet("compare", still, *traces[: recordings - 1], "--force-column", "fx", *plots, *chosen)
     assert done.returncode == 0, done.stderr
     assert all(line.startswith("compare: picture") for line in done.stderr.splitlines())
-    assert len(list((tmp_path / "plots").iterdir())) == recordings + 3
+    drawn = list((tmp_path / "plots").iterdir())
+    assert len(drawn) == recordings + 3
+    assert all(file.suffix == f".{form}" and file.read_bytes().startswith(start) for file in drawn)
 
 
 def rows_and_trials(count=1):

@@ -142,9 +142,7 @@ def test_a_summary_is_mean_and_sample_deviation():
     [
         (("step", "sim:10"), "between 0.2 and 5 N/mm"),
         (("step", "sim", "--plot", "x.xyz"), "it must be png, pdf or svg"),
-        (("step", "sim", "--from", "1", "--to", "9"), "between 0 and 4.6"),
         (("tune", "sim", "--max-force", "99"), "it must be at most 4.6 N"),
-        (("tune", "none"), "unknown device 'none'"),
     ],
 )
 def test_what_no_finger_bears_is_refused_in_one_line(arguments, complaint, tmp_path):

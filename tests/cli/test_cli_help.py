@@ -32,6 +32,7 @@ GROUPS = {verb[:count] for verb in VERBS for count in range(len(verb))}
 def test_every_verb_has_examples_which_its_help_shows(run, verb):
     done = run(*verb, "--help")
     assert done.returncode == 0
+    assert not [line for line in done.stdout.splitlines()[1:] if line.endswith("...")], "a summary is cut short"
     shown = done.stdout.partition("Examples:\n")[2].splitlines()
     assert [line.strip() for line in shown] == list(EXAMPLES[verb])
 

@@ -20,7 +20,6 @@ from tests.ready import hapticnet
     [
         ([], []),
         (["demo", "--page"], ["demo", "--page=auto"]),
-        (["master", "--page", "--device", "sim"], ["master", "--page=auto", "--device", "sim"]),
         (["master", "--page", "127.0.0.1:9000"], ["master", "--page", "127.0.0.1:9000"]),
         (["master", "--page=[::1]:9000", "-q"], ["master", "--page=[::1]:9000", "-q"]),
     ],
@@ -110,7 +109,6 @@ def test_the_demo_on_the_page_writes_no_results():
     ("arguments", "complaint"),
     [
         (("order", "--page", "--simulate", "literature"), "--page is for a person"),
-        (("limits", "--page=127.0.0.1:0", "--simulate", "literature"), "--page is for a person"),
         (("order", "--operator", "page"), "--operator page needs --page"),
         (("order", "--page=8080"), "must be HOST:PORT"),
     ],

@@ -42,18 +42,6 @@ def test_encode_reports_every_key_and_holds_the_law(trace, tmp_path):
     assert 0.0 < np.abs(error).max() <= report["max_error_n"]
 
 
-def test_encode_takes_columns_by_number_from_csv_and_npy(trace, tmp_path):
-    array = np.column_stack([read_csv(trace)[name] for name in ("t_s", "fx", "fy")])
-    np.save(tmp_path / "force.npy", array)
-    reports = [
-        json.loads(hapticnet("encode", file, "--force-column", "1", *rate, "--json").stdout)
-        for file, rate in ((trace, ()), (tmp_path / "force.npy", ("--sampling-rate", "1000")))
-    ]
-    for report in reports:
-        del report["samples_per_second"], report["provenance"]
-    assert reports[0] == reports[1]
-
-
 def test_raw_costs_everything_and_the_deadband_less_with_more_jnds(trace):
     sent = []
     for arguments in (("raw",), ("deadband",), ("deadband", "--multiplier", "2"), ("deadband", "--multiplier", "4")):
@@ -101,12 +89,6 @@ def test_version():
 
     assert describe_core() in ("plain Python", "compiled core")
     assert hapticnet("--version").stdout.strip() == f"hapticnet {__version__} ({describe_core()})"
-
-
-def test_help_says_what_each_verb_does_without_cutting_it_short():
-    for verb in ((), ("device",), ("experiment",), ("key",), ("scene",)):
-        _usage, *lines = hapticnet(*verb, "--help").stdout.splitlines()
-        assert not [line for line in lines if line.endswith("...")]
 
 
 HELP_AND_LIST_MODULES = """

@@ -152,31 +152,18 @@ def test_saturated_pairs_are_ignored_and_outliers_have_large_residuals() -> None
     assert fit_calibration([200, 400, 0], [0.5, 1.5, 5.0]).max_n == 5.0
 
 
-def test_thousands_of_pairs_are_fitted() -> None:
-    rng = np.random.default_rng(1)
-    forces_n = rng.uniform(0.2, 10.0, 20_000)
-    counts = [SENSOR.counts(force_n) for force_n in forces_n.tolist()]
-    fit = fit_calibration(counts, (forces_n * rng.normal(1.0, 0.02, 20_000)).tolist())
-    for force_n in KNOWN_FORCES_N:
-        assert fit.calibration.force_n(SENSOR.counts(force_n)) == pytest.approx(force_n, rel=0.06)
-
-
 @pytest.mark.parametrize(
     ("counts", "forces_n", "message"),
     [
         ([], [], r"0 pairs are usable"),
-        ([200], [1.0], r"1 pairs are usable"),
         ([200, 200.2], [1.0, 2.0], "different forces at different counts"),
         ([200, 300], [1.0, 1.0], "two or more different forces"),
-        ([1023, 1023, 1022.9], [5.0, 7.0, 9.0], r"0 pairs are usable \(3 saturated"),
         ([0, 0, 300], [0.0, 0.1, 1.0], "1 pairs are usable"),
         ([200, 300], [1.0], "2 counts and 1 forces; it needs a force for each"),
         ([800, 500, 200], [0.5, 1.0, 2.0], "connect the sensor between 5 V and A0"),
         ([200, math.nan], [1.0, 2.0], "pair 2: adc is nan counts; it must be between 0 and 1023 counts"),
         ([200, 1024], [1.0, 2.0], "pair 2: adc is 1024"),
         ([-1, 300], [1.0, 2.0], "pair 1: adc is -1"),
-        ([200, 300], [1.0, math.inf], "pair 2: force is inf N; it must be between 0 and 100 N"),
-        ([200, 300], [-0.5, 1.0], "pair 1: force is -0.5"),
         ([200, 300], [50.0, 200.0], "pair 2: force is 200.0 N; it must be between 0 and 100 N"),
         ([200, 300], [5e-324, 1e-300], "largest force is 1e-300 N; the sensor detects nothing below 0.2 N"),
     ],

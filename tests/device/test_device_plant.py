@@ -3,8 +3,6 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 from hapticnet.device.servos import Linkage, Servo
 from hapticnet.device.simulated import Finger, Plant, PlantSettings, Sensor
@@ -45,29 +43,6 @@ def test_the_first_time_only_sets_the_clock() -> None:
     made.take((1500.0,) * 3)
     made.advance(10**12)
     assert made.displacement_m == 0.0
-
-
-def test_repeated_and_earlier_times_advance_nothing_and_the_clock_continues() -> None:
-    made = plant()
-    counts = settled_at(made, 0.004, 0)
-    at_m = made.displacement_m
-    made.take((1900.0,) * 3)
-    for now_us in (5_000_000, 4_000_000, 1_000_000, 1_000_000):
-        made.advance(now_us)
-        assert made.read() == counts
-        assert made.displacement_m == at_m
-    made.advance(1_000_100)
-    assert made.displacement_m > at_m
-
-
-@given(st.lists(st.tuples(st.floats(1200.0, 2000.0), st.integers(-(10**12), 10**12)), max_size=40))
-def test_any_time_stamps_are_accepted(calls: list[tuple[float, int]]) -> None:
-    made = plant(PlantSettings())
-    for pulse_us, now_us in calls:
-        made.take((pulse_us,) * 3)
-        made.advance(now_us)
-        assert 0 <= made.read() <= 1023
-        assert -1e-4 <= made.displacement_m <= LINKAGE.travel_m + 1e-4
 
 
 @pytest.mark.parametrize("stiffness_n_m", [300.0, 1000.0, 3000.0])

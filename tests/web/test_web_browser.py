@@ -110,15 +110,6 @@ def test_a_frozen_page_delays_no_tick_and_loses_the_hand(tab: Tab, observer: Obs
     assert tab.complaints == []
 
 
-def test_closing_the_page_withdraws_the_needle(tab: Tab, observer: Observer):
-    tab.page.locator("canvas#scene").focus()
-    tab.page.keyboard.down("ArrowDown")
-    observer.until(lambda client: client.frames[-1]["tip_m"] > 0.012)
-    tab.page.close()
-    observer.until(lambda client: client.last("hand") == {"type": "hand", "holder": "nobody", "state": "free"})
-    assert observer.frame()["tip_m"] == 0.0
-
-
 def command_line(pid: int) -> bytes:
     try:
         return Path(f"/proc/{pid}/cmdline").read_bytes()
