@@ -35,9 +35,8 @@ from hapticnet.scene.settings import Tissue
 POLL_S: Final = 0.1
 CONNECT_TIMEOUT_S: Final = 10.0
 FROM_SLAVE: Final = ("packet_rate_reduction", "rmse_n", "max_error_n", "exceed_jnd_fraction")
+# Figures of a condition that the processes report themselves.
 FROM_MASTER: Final = ("tracking_rmse_n", "round_trip", "lateness", "ticks", "missed_ticks", "scheduling", "overload")
-"""Figures of a condition that the processes report themselves."""
-
 TISSUE_LOOKS: Final = (("o", VERMILION), ("s", GREEN), ("^", PURPLE), ("D", ORANGE))
 Progress = Callable[[Condition, float], None]  # with the condition being played and for how long [s]
 

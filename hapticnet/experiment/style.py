@@ -15,9 +15,8 @@ FORMATS: Final = ("png", "pdf", "svg")
 PRINT_WIDTH_IN: Final = 6.3  # width of the text on an A4 page with usual margins [in]
 INK: Final = "#222222"
 GREY: Final = "#9aa5b1"
+# The palette of Okabe and Ito (2008) without its yellow, which is too light for lines, and its black: INK instead.
 BLUE, VERMILION, GREEN, PURPLE, SKY, ORANGE = "#0072B2", "#D55E00", "#009E73", "#CC79A7", "#56B4E9", "#E69F00"
-"""The palette of Okabe and Ito (2008) without its yellow, which is too light for lines, and its black: INK instead."""
-
 COLOURS: Final = (BLUE, VERMILION, GREEN, PURPLE, SKY, ORANGE)
 MARKERS: Final = ("o", "s", "^", "D", "v", "P", "X", "<", ">", "p", "*")
 DASHES: Final[tuple[Any, ...]] = ("-", (0, (5, 1.5)), (0, (1.2, 1.2)), (0, (6, 1.5, 1.2, 1.5)))
@@ -177,7 +176,6 @@ def _make_log(axis: Any, set_scale: Any) -> None:
 
 
 def _declare_logs(figure: Any) -> None:
-    """Say on the label of every logarithmic axis that it is one."""
     for axes in figure.axes:
         for axis in (axes.xaxis, axes.yaxis):
             text = axis.get_label_text()

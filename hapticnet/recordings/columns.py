@@ -23,9 +23,8 @@ FORCE_UNITS: Final = {  # newtons; gram-force, kilogram-force and pound-force as
 }
 LENGTH_UNITS: Final = {"m": 1.0, "mm": 1e-3, "cm": 1e-2, "um": 1e-6, "µm": 1e-6, "nm": 1e-9, "in": 0.0254}  # metres
 TIME_UNITS: Final = {"s": 1e6, "sec": 1e6, "seconds": 1e6, "ms": 1e3, "us": 1.0, "µs": 1.0, "ns": 1e-3}  # µs
+# Units of other quantities, which are named in a note when a force or position column carries one.
 OTHER_UNITS: Final = ("rad", "deg", "°", "V", "mV", "Nm", "mNm", "counts", "adc", "raw", "Pa", "kPa", "bar", "g")
-"""Units of other quantities, which are named in a note when a force or position column carries one."""
-
 MOST_COLUMNS: Final = 10_000  # most columns of a table, in a file of any kind, and most arrays in an archive
 NO_STAMP: Final = int(np.datetime64("NaT").astype(np.int64))  # represents a missing stamp, as in NumPy
 

@@ -207,7 +207,6 @@ def _others(source: Source, time_at: int | None) -> list[int]:
 def _choice_note(
     source: Source, columns: Columns | None, what: str, chosen: list[int], time_at: int | None
 ) -> list[str]:
-    """Return a note on columns that were chosen by their names among others."""
     if columns is not None or len(_others(source, time_at)) == 1:
         return []
     names = ", ".join(source.names[index] for index in chosen)

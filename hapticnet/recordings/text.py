@@ -371,7 +371,6 @@ def _is_number(cell: str) -> bool:
 
 
 def _comment_names(comment: str, separator: str | None, width: int) -> tuple[str, ...] | None:
-    """Return the column names in a comment line; None if it is a remark."""
     text = comment.strip().lstrip("#%").strip()
     if not text or not _splits(text, separator):
         return None

@@ -21,8 +21,8 @@ from hapticnet.device.base import Device, Reading
 from hapticnet.device.simulated import Plant, PlantSettings, loading_calibration
 from hapticnet.device.wired import WiredDevice
 from hapticnet.errors import FileError, SettingsError, UnavailableError
-from hapticnet.runtime.signals import stop_on_signals
-from hapticnet.runtime.timer import Repeating, Ticker, until
+from hapticnet.runtime.serial_port import run_device
+from hapticnet.runtime.timer import Repeating
 
 CYCLES_PER_US: Final = 16  # clock cycles per µs of the Nano: 16 MHz
 LONGEST_STEP_US: Final = 10_000_000  # longest step [µs]: the firmware's output must fit the harness's buffers
@@ -383,23 +383,13 @@ class NanoPty:
 
 async def run_nano_pty(nano: NanoPty, *, duration_s: float | None, on_status: Callable[[], None]) -> None:
     """Run until SIGINT, SIGTERM or `duration_s` [s] have passed; raise UnavailableError if the simulator ends."""
-    loop = asyncio.get_running_loop()
-    stop = stop_on_signals(loop)
-    failures: list[UnavailableError] = []
 
-    def tick(now_us: int) -> None:
-        try:
-            nano.advance(now_us)
-        except UnavailableError as error:
-            failures.append(error)
-            stop.set()
+    def tick(now_us: int) -> bool:
+        nano.advance(now_us)
+        return False
 
-    ticker = Ticker(loop, SLICE_US, tick)
-    status = Repeating(loop, on_status)
+    status = Repeating(asyncio.get_running_loop(), on_status)
     try:
-        await until(stop, duration_s)
+        await run_device(None, tick, duration_s=duration_s)
     finally:
         status.cancel()
-        ticker.stop()
-    if failures:
-        raise failures[0]

@@ -147,12 +147,10 @@ def _normal_priority() -> None:
 
 LISTENING: Final = "listening on "  # start of a slave's message that it can be reached, before its address and a comma
 END_WITHIN_S: Final = 5.0
+# Environment variables that name keys. They are for sessions with other hosts; children serve this one.
 KEY_VARIABLES: Final = ("HAPTICNET_KEY", "HAPTICNET_PEER_KEY", "HAPTICNET_MASTERS")
-"""Environment variables that name keys. They are for sessions with other hosts; children serve this one."""
-
+# Starts of environment variables that set options of what the user starts; children get theirs as arguments.
 OPTION_VARIABLES: Final = ("HAPTICNET_CONFIG", "HAPTICNET_MASTER_", "HAPTICNET_SLAVE_", "HAPTICNET_CHANNEL_")
-"""Starts of environment variables that set options of what the user starts; children get theirs as arguments."""
-
 PR_SET_PDEATHSIG: Final = 1  # option of prctl(2) on Linux: receive a signal when the parent dies, for whatever reason
 
 

@@ -115,8 +115,6 @@ class SignalHandler(TakesSignals):
 
 
 class _StopHandler(SignalHandler):
-    """Let `Rescue` watch from the first signal on, too."""
-
     def __init__(self, loop: asyncio.AbstractEventLoop, callback: Callable[[], None], rescue: Rescue | None) -> None:
         super().__init__(loop, callback)
         self._reports = rescue is not None

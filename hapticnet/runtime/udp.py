@@ -85,15 +85,13 @@ Receive: TypeAlias = Callable[[list[tuple[bytes, SocketAddress]], int], None]
 READ_BYTES: Final = MAX_DATAGRAM_BYTES + 1  # one more than is allowed, so that oversized datagrams can be recognised
 DRAIN_AT_MOST: Final = 256  # largest number of datagrams read in a row
 DRAIN_US: Final = 300  # longest time [µs] that a master reads in a row, so that a flood delays no tick by more
+# If the socket was empty this short a time ago, the first datagram is handed over before the next is looked for, which
+# takes as long as a tenth of a round trip.
 PROMPT_US: Final = 2_000
-"""If the socket was empty this short a time ago, the first datagram is handed over before the next is looked for, which
-takes as long as a tenth of a round trip."""
-
 POLL_S: Final = 0.01
+# Room for 5 s of a master, or 20 ms of a thousand (the system counts 768 B for a small datagram). ``hapticnet doctor``
+# tests whether the system allows that much.
 RECEIVE_BUFFER_BYTES: Final = 1 << 22
-"""Room for 5 s of a master, or 20 ms of a thousand (the system counts 768 B for a small datagram). ``hapticnet doctor``
-tests whether the system allows that much."""
-
 SEND_BUFFER_BYTES: Final = 1 << 20
 SAMPLE_EVERY: Final = 16  # drains from one look at the oldest datagram's age to the next, unless one was longer
 

@@ -174,7 +174,6 @@ class Store:
             file.write(content)
 
     def _refuse_other(self, plan: Plan) -> None:
-        """Raise SettingsError if the folder belongs to another study, or another hapticnet computed it."""
         if not (self.path / ABOUT).exists():
             if any(self.path.glob(SHARDS)):
                 raise FileError(f"{self.path} has shards but no {ABOUT}; choose another folder")

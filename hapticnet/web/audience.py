@@ -185,8 +185,7 @@ class Audience(Watcher[NodeEvent], ABC):
             client.post(messages.text("hand", holder=who, state=self.seat.state.name.lower()))
 
     def _send_frames(self, tip_m: float, mirror: Mirror | None) -> None:
-        """Tell each page who has the hand, and where needle and surfaces are."""
-        surfaces_m, contacts = ((), ()) if mirror is None else (mirror.surfaces_m, mirror.contacts)
+        surfaces_m, contacts = ((), ()) if mirror is None else (mirror.scene.surfaces_m(), mirror.scene.contacts())
         for client in self.clients:
             self._tell_hand(client)
             time_ms = 0.0 if client.heard is None else client.heard.time_ms

@@ -178,5 +178,4 @@ class GatedTransport:
         self._transport = transport
 
     def __getattr__(self, name: str) -> Any:
-        """Return what else a transport has."""
         return getattr(self._transport, name)

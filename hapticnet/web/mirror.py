@@ -37,32 +37,22 @@ class Mirror:
 
     def __init__(self, settings: SceneSettings, *, is_new: bool) -> None:
         self.settings = settings
-        self._scene = Scene(settings.tissues, name=settings.name)
-        self._first_m = self._scene.tissues[0].rest_position_m
+        self.scene = Scene(settings.tissues, name=settings.name)  # as the needle has left it
+        self._first_m = self.scene.tissues[0].rest_position_m
         self._is_certain = is_new
 
     @property
     def range_m(self) -> tuple[float, float]:
         """Positions [m] between which everything happens."""
-        tissues = self._scene.tissues
+        tissues = self.scene.tissues
         broken_m = max(tissue.rest_position_m + tissue.breach_depth_m for tissue in tissues)
         return min(0.0, self._first_m - AHEAD_M), max(tissues[-1].rest_position_m + BEHIND_M, 1.05 * broken_m)
-
-    @property
-    def surfaces_m(self) -> tuple[float, ...]:
-        """Position [m] of each surface, front to back."""
-        return self._scene.surfaces_m()
-
-    @property
-    def contacts(self) -> tuple[int, ...]:
-        """Contact of the needle with each tissue (`scene.tissue.Contact`), front to back."""
-        return self._scene.contacts()
 
     def forces_n(self, t_us: Iterable[int], positions_m: Iterable[float]) -> list[float]:
         """Move the needle and return the force [N] at each position; NaN where it is not known."""
         forces_n = []
         for at_us, position_m in zip(t_us, positions_m, strict=True):
-            force_n = self._scene.step(PositionSample(at_us, (position_m,))).force_n[0]
+            force_n = self.scene.step(PositionSample(at_us, (position_m,))).force_n[0]
             self._is_certain = self._is_certain or position_m < self._first_m
             forces_n.append(force_n if self._is_certain else math.nan)
         return forces_n

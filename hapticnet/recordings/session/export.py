@@ -39,12 +39,11 @@ def export(session: Session, path: Path) -> None:
 
 def exported_files(path: Path) -> list[Path]:
     """Return the files that `export` may write."""
-    suffix = path.suffix.lower()
-    if suffix == ".csv":
-        return [path, *(beside(path, what) for what in ("datagrams.csv", "events.csv", "about.json"))]
-    if suffix == ".parquet":
-        return [path, *(beside(path, what) for what in ("datagrams.parquet", "events.parquet"))]
-    return [path]
+    others = {
+        ".csv": ("datagrams.csv", "events.csv", "about.json"),
+        ".parquet": ("datagrams.parquet", "events.parquet"),
+    }
+    return [path, *(beside(path, what) for what in others.get(path.suffix.lower(), ()))]
 
 
 def _write(session: Session, path: Path, about: dict[str, Any]) -> None:

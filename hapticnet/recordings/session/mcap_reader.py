@@ -21,9 +21,8 @@ _MESSAGE: Final = struct.Struct("<HIQQ")
 _SCHEMA_CODE: Final = 3
 _CHANNEL_CODE: Final = 4
 _MESSAGE_CODE: Final = 5
+# Records that may be in a chunk, and the bytes that each has at least. What else is there is damage.
 _IN_CHUNKS: Final = {_SCHEMA_CODE: 14, _CHANNEL_CODE: 16, _MESSAGE_CODE: _MESSAGE.size}
-"""Records that may be in a chunk, and the bytes that each has at least. What else is there is damage."""
-
 LARGEST_RECORD: Final = 2**30  # larger records are taken for damage
 LARGEST_CHUNK: Final = 2**28  # larger unpacked chunks are taken for damage: writers end one after a few MiB
 MOST_MESSAGES: Final = 10_000  # passed on together: each takes many times its size while it is an object
