@@ -10,8 +10,6 @@ from hapticnet.codec.recording import encode_array
 from hapticnet.codec.registry import codec_parameters, every_codec, make_codec
 from hapticnet.measure.metrics import norms
 from hapticnet.perception import WeberLaw
-from hapticnet_literature.least_squares import LeastSquares
-from hapticnet_literature.residuals import ABSOLUTE
 
 CODECS = every_codec()
 
@@ -50,10 +48,7 @@ def test_the_applied_force_is_within_the_threshold_on_every_signal(name, law, ax
     codec = make_codec(name, law)
     for trial in every_trial():
         stimuli = on_axes(trial.stimuli, axes)
-        assert (trial.name, exceeding(law, stimuli, encode_array(codec, trial.t_us, stimuli).decoded)) == (
-            trial.name,
-            0,
-        )
+        assert exceeding(law, stimuli, encode_array(codec, trial.t_us, stimuli).decoded) == 0, trial.name
 
 
 @pytest.mark.parametrize("name", [name for name in CLAIMING if "step_n" in codec_parameters(CODECS[name]())])
@@ -65,7 +60,7 @@ def test_so_it_is_where_payloads_count_steps_even_coarse_ones(name, step_n):
         law = WeberLaw(weber_fraction=0.05, floor_n=max(0.025, 0.5 * step_n))
     for trial in every_trial():
         decoded = encode_array(codec, trial.t_us, trial.stimuli).decoded
-        assert (trial.name, exceeding(law, trial.stimuli, decoded)) == (trial.name, 0)
+        assert exceeding(law, trial.stimuli, decoded) == 0, trial.name
 
 
 @every_codec
@@ -78,16 +73,7 @@ def test_in_motion_too_no_force_is_applied_that_is_much_larger_than_any_before(n
         applied = norms(encode_array(codec, trial.t_us, stimuli, positions).decoded)
         # A passive ramp that takes the energy of its whole change leads, on several axes, over the sphere around it.
         largest = norms(stimuli).max() * (1.0 if axes == 1 else np.sqrt(2.0))
-        assert (trial.name, applied.max() <= largest + 2.2 * law.threshold_n(largest)) == (trial.name, True)
-
-
-@laws
-def test_the_widest_threshold_in_motion_is_the_one_of_the_fastest_hand(law):
-    codec = make_codec("velocity-adaptive", law, {"largest_fraction": 0.25})
-    fast = WeberLaw(weber_fraction=0.25, floor_n=law.floor_n)
-    for trial in every_trial():
-        decoded = encode_array(codec, trial.t_us, trial.stimuli, trial.positions).decoded
-        assert (trial.name, exceeding(fast, trial.stimuli, decoded)) == (trial.name, 0)
+        assert applied.max() <= largest + 2.2 * law.threshold_n(largest), trial.name
 
 
 @every_codec
@@ -97,22 +83,6 @@ def test_no_signal_makes_a_payload_longer_than_a_value_and_a_slope_in_full(name,
     for trial in every_trial():
         sizes = encode_array(codec, trial.t_us, on_axes(trial.stimuli, axes)).payload_bytes
         assert sizes.max(initial=0) <= 1 + (8 + 4) * axes
-
-
-def test_a_golomb_rice_code_never_grows_beyond_a_float32_an_axis_but_gives_way_to_the_value():
-    encoder = LeastSquares(law=LAW, absolute_every=127).encoder(1)
-    rng = np.random.default_rng(1)
-    small = [
-        encoder.encode(t_us, (x,)) for t_us, x in zip(range(0, 10**6, 10**4), 1.0 + 0.3 * rng.random(100), strict=True)
-    ]
-    codes = [payload for payload in small if payload is not None and payload[0] < ABSOLUTE]
-    assert len(codes) > 10  # the parameter has come to fit small residuals
-    assert {len(payload) for payload in codes} == {2}
-    for t_us, x in zip(
-        range(2 * 10**6, 3 * 10**6, 10**5), [1e3, -1e3, 1e5, 0.0, 1e12, 1e15, -1e15, 1.0, 50.0, 1e-9], strict=True
-    ):
-        payload = encoder.encode(t_us, (x,))
-        assert len(payload) <= (1 + 4 if payload[0] < ABSOLUTE else 1 + 8 + 4)
 
 
 @pytest.mark.plain

@@ -2,12 +2,14 @@ import math
 import sys
 from types import FrameType
 
+import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from hapticnet.errors import SampleError
 from hapticnet.samples import ForceSample, PositionSample
+from hapticnet.scene.layer import Shaft
 from hapticnet.scene.scene import Scene
 from hapticnet.scene.settings import Contact, Tissue
 from hapticnet.scene.sources import find_scene, paper_scene
@@ -229,6 +231,21 @@ def test_a_closed_path_through_elastic_tissue_conserves_energy(strides: list[int
             last_n = force_n
     assert scene.breaches == 0
     assert work_j == pytest.approx(0.0, abs=1e-9)
+
+
+@settings(deadline=None)
+@given(st.lists(st.floats(-0.005, 0.005), min_size=1, max_size=10))
+def test_friction_returns_at_most_the_energy_stored_by_dragging_the_tissue(path_m: list[float]) -> None:
+    """The stored energy is F²·δ/(2·F_c), from dF = (F_c/δ)·dz at F = 0; the rest is lost."""
+    rubbing = Shaft(tissue(shaft_friction_n=0.3, shaft_presliding_m=1e-3))
+    rubbing.grip(0.0)
+    work_j, tip_m, last_n = 0.0, 0.0, 0.0
+    for target_m in path_m:
+        for next_m in np.linspace(tip_m, target_m, 201)[1:].tolist():
+            next_n = rubbing.slide(next_m)
+            work_j += (last_n + next_n) / 2.0 * (next_m - tip_m)
+            tip_m, last_n = next_m, next_n
+    assert work_j >= last_n**2 * 1e-3 / (2.0 * 0.3) - 1e-9
 
 
 # Cost -----------------------------------------------------------------------------------------------------

@@ -1,5 +1,3 @@
-import math
-
 import numpy as np
 import pytest
 from codec_cases import assert_same, assert_within_threshold, laws, steps, timed, wandering
@@ -8,7 +6,6 @@ from hypothesis import strategies as st
 
 from hapticnet.codec.recording import encode_array
 from hapticnet.codec.schemes.deadband import Deadband
-from hapticnet.errors import SampleError
 from hapticnet.measure.metrics import worst_window_packets
 from hapticnet_literature.merging import Merging
 
@@ -66,20 +63,3 @@ def test_a_time_stamp_that_goes_back_ends_the_window():
     encoder.encode(10**12, (1.0,))
     assert encoder.encode(0, (2.0,)) is not None
     assert encoder.encode(MS, (3.0,)) is None
-
-
-def test_a_repair_does_not_wait_for_the_window():
-    encoder = Merging(window_ms=100.0).encoder(2)
-    encoder.encode(0, (1.0, 1.0))
-    encoder.refresh()
-    assert encoder.encode(MS, (1.0, 1.0)) is not None
-    assert encoder.encode(2 * MS, (2.0, 1.0)) is None
-
-
-@pytest.mark.parametrize("bad", [math.nan, -math.inf, 1e300])
-def test_what_is_not_finite_or_out_of_range_is_refused_within_a_window_too(bad):
-    encoder = Merging(window_ms=10.0).encoder(2)
-    encoder.encode(0, (1.0, 1.0))
-    with pytest.raises(SampleError, match="finite and within"):
-        encoder.encode(MS, (1.0, bad))
-    assert encoder.encode(20 * MS, (3.0, 1.0)) is not None

@@ -141,22 +141,21 @@ def test_for_two_axes_the_shift_lies_along_the_motion():
     assert applied[1].tolist() == pytest.approx([1.3, 0.4])
 
 
-def test_on_the_way_in_a_breach_comes_as_a_ramp_and_a_rise_at_once():
-    codec = PassiveInterpolative(law=WeberLaw(weber_fraction=0.0, floor_n=0.5), interval_ms=4.0)
+@pytest.mark.parametrize(
+    ("interval_ms", "step_m", "rise", "fall"),
+    [
+        (4.0, 1e-3, [1.5, 5.5, 5.5], [5.5, 5.5, 4.5, 3.5, 2.5, 1.5, 1.5]),
+        (2.0, -1e-3, [0.5, 0.5, 2.5, 4.5], [4.5, 0.5, 0.5]),
+    ],
+)
+def test_a_breach_comes_as_a_ramp_and_a_rise_at_once_and_on_the_way_out_the_other_way_round(
+    interval_ms, step_m, rise, fall
+):
+    codec = PassiveInterpolative(law=WeberLaw(weber_fraction=0.0, floor_n=0.5), interval_ms=interval_ms)
     true = np.array([1.0] * 10 + [5.0] * 10 + [1.0] * 10)[:, np.newaxis]
-    where = np.arange(30)[:, np.newaxis] * 1e-3
-    applied = encode_array(codec, np.arange(30) * 1000, true, where).decoded[:, 0]
-    assert applied[8:12].tolist() == pytest.approx([1.5, 1.5, 5.5, 5.5])
-    assert applied[19:26].tolist() == pytest.approx([5.5, 5.5, 4.5, 3.5, 2.5, 1.5, 1.5])
-
-
-def test_on_the_way_out_it_is_the_other_way_round():
-    codec = PassiveInterpolative(law=WeberLaw(weber_fraction=0.0, floor_n=0.5), interval_ms=2.0)
-    true = np.array([1.0] * 10 + [5.0] * 10 + [1.0] * 10)[:, np.newaxis]
-    where = -np.arange(30)[:, np.newaxis] * 1e-3
-    applied = encode_array(codec, np.arange(30) * 1000, true, where).decoded[:, 0]
-    assert applied[9:13].tolist() == pytest.approx([0.5, 0.5, 2.5, 4.5])
-    assert applied[19:22].tolist() == pytest.approx([4.5, 0.5, 0.5])
+    applied = encode_array(codec, np.arange(30) * 1000, true, step_m * np.arange(30)[:, np.newaxis]).decoded[:, 0]
+    assert applied[9:][: len(rise)].tolist() == pytest.approx(rise)
+    assert applied[19:][: len(fall)].tolist() == pytest.approx(fall)
 
 
 @pytest.mark.parametrize("codec", [PassiveExtrapolative(), PassiveInterpolative()])
