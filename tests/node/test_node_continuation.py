@@ -177,27 +177,6 @@ def test_a_restarted_master_is_known_by_its_name_after_200_ms_of_silence(slave, 
     assert len(scenes) == (2 if resumed else 3)
 
 
-def test_pierced_tissue_stays_pierced(slave, sealed):
-    """The tool is in the tissue when its master dies, and when it loses its session: nothing is felt twice."""
-    depths_m = np.linspace(0.0, 0.06, 4000)
-    one, began = master(slave, sealed, 1).join(0), 1
-    whole = HandMaster(make_slave(sealed=sealed), sealed=sealed).join(0)
-    for step, depth_m in enumerate(depths_m, start=1):
-        now_us = 1000 * step
-        if step == 2500:
-            one, began = master(slave, sealed, 2).join(now_us + 3 * SECOND), step
-        elif step == 3000:
-            one, began = master(slave, sealed, 3, ticket=one.grant.ticket).join(now_us + 3 * SECOND), step
-        one.position(1 + step - began, now_us + (3 * SECOND if step >= 2500 else 0), depth_m, t_us=now_us)
-        whole.position(step, now_us, depth_m)
-        if step in (2499, 2500, 2999, 3000, 4000):
-            (interrupted,), (other,) = slave.contexts, whole.slave.contexts
-            assert interrupted.scene.breaches == other.scene.breaches
-            assert interrupted.scene.force_n == pytest.approx(other.scene.force_n)
-    assert interrupted.grant.resumed
-    assert other.scene.breaches > 1
-
-
 @pytest.mark.parametrize("offset_us", [0, 10**9, (1 << 32) - 5_000, 7 * (1 << 31)])
 def test_with_a_ticket_the_time_of_the_scene_goes_on_with_the_clock_of_its_master(slave, sealed, offset_us):
     with_clock(slave)

@@ -145,19 +145,6 @@ def test_no_target_and_no_delay_bring_more_than_the_device_limit_or_a_limit_cycl
     assert at_rest(trace.contact_n, seconds=2)
 
 
-@pytest.mark.parametrize("stiffness_n_m", FINGERS_N_M)
-@pytest.mark.parametrize("hertz", [0.5, 1.0, 3.0])
-@pytest.mark.parametrize("delay_ms", [0, 40])
-def test_a_sine_target_stays_within_the_limit(stiffness_n_m: float, hertz: float, delay_ms: int) -> None:
-    trace = play(
-        lambda ms: 2.5 + 2.5 * math.sin(2e-3 * math.pi * hertz * ms),
-        6_000,
-        settings=stiffness(stiffness_n_m),
-        delay_ms=delay_ms,
-    )
-    assert trace.contact_n.max() <= 5.0
-
-
 @pytest.mark.parametrize("stiffness_n_m", [300.0, 1000.0, 3000.0])
 def test_a_ramp_is_followed(stiffness_n_m: float) -> None:
     trace = play(lambda ms: min(4.5, ms / 1_000), 6_000, settings=stiffness(stiffness_n_m))

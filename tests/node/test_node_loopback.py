@@ -82,14 +82,7 @@ def test_no_sample_is_felt_that_the_slave_had_no_chance_to_object_to(loopback, c
 
 @pytest.mark.parametrize(
     "network",
-    [
-        "perfect",
-        "wifi",
-        "4g",
-        "delay=20ms,jitter=normal:5ms,order=free,loss=10%,duplicate=5%",
-        "satellite,loss=gilbert:0.02,0.2",
-        "loss=30%,reorder=10%:8ms",
-    ],
+    ["wifi", "satellite,loss=gilbert:0.02,0.2", "delay=20ms,jitter=normal:5ms,order=free,loss=10%,duplicate=5%"],
 )
 def test_the_same_seed_gives_byte_identical_runs(loopback, network):
     assert digest(loopback(3, forward=network, feedback=network, device=True)) == digest(
@@ -160,13 +153,6 @@ def test_duplicates_disturb_no_end(loopback, copies):
     link.run(SECOND)
     link.close()
     assert link.master.end_reason == "done"
-
-
-def test_a_link_with_a_round_trip_of_two_seconds_connects_once(loopback):
-    link = loopback(1, forward="delay=1000ms", feedback="delay=1000ms")
-    link.run(6 * SECOND)
-    assert link.master.report()["connections"] == 1
-    assert link.slave.contexts[0].steps > 100  # of a stale link: 20 positions per second
 
 
 def test_every_datagram_is_accounted_for_over_a_lossy_reordering_network(loopback):

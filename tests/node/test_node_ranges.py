@@ -6,7 +6,6 @@ import re
 import struct
 from pathlib import Path
 
-import msgpack
 import numpy as np
 import pytest
 
@@ -17,7 +16,6 @@ from hapticnet.node.settings import MasterSettings
 from hapticnet.operator.scripted import InsertionSettings, ScriptedOperator
 from hapticnet.protocol import messages as ranges
 from hapticnet.protocol.messages import Code
-from hapticnet.protocol.states import MasterState
 from hapticnet.protocol.wire import Kind, pack_body
 from tests.conftest import make_slave
 from tests.node.undisturbed import seal_or_pack
@@ -32,7 +30,6 @@ EDGES = (
 )
 SEALED_KINDS = (Kind.FORCE, Kind.KEEPALIVE, Kind.CLOSE, Kind.NOTICE)
 NUMBERS_OF_REQUEST = ("weber_fraction", "floor_n", "multiplier", "rate_hz", "axes", "clock_us", "position_share")
-NUMBERS_OF_GRANT = ("session", "rate_hz", "keepalive_us", "position_share")
 
 
 def master_node(sealed=False, **settings):
@@ -98,26 +95,6 @@ def test_every_parameter_of_every_codec_is_checked(name):
             use(master, now_us)
 
 
-@pytest.mark.plain
-@pytest.mark.parametrize("field", NUMBERS_OF_GRANT)
-def test_a_grant_is_used_or_counted_as_malformed(field, sealed):
-    for value in EDGES:
-        master = master_node(sealed, positions="line", position_share=0.5)
-        slave = HandSlave(master, sealed=sealed)
-        master.tick(0)
-        slave.cookie(slave.hello(), 0)
-        hello = slave.hello()
-        slave.welcome(hello, 0, GRANT._replace(**{field: value}))
-        connected = master.session.state is MasterState.ESTABLISHED
-        report = master.report()
-        assert report["received"]["malformed"] + report["received"]["stray"] == (not connected)
-        for now_us in range(0, 30_000, 1000):
-            master.tick(now_us)
-            master.drive(now_us)
-        if connected:
-            assert ranges.RATE_HZ.has(report["rate_hz"])
-
-
 def bodies(fields, at):
     """Return bodies with each edge in place of the field `at`."""
     for value in EDGES:
@@ -178,26 +155,6 @@ def test_a_force_is_applied_within_the_limits_or_counted(codec, sealed):
                 number += 1
                 seal = slave.seal if kind in SEALED_KINDS else None
                 slave.master.receive_datagram(seal_or_pack(seal, kind, number, body, slave.session), now_us)
-    assert not master.finished
-
-
-@pytest.mark.parametrize("element", range(5))
-def test_a_frame_is_read_or_counted(element):
-    slave, master = make_slave(sealed=None), master_node()
-    HandSlave(master).connect()
-    for value in EDGES:
-        frame = [1, 4, GRANT.session, 7, b"\x90"]
-        frame[element] = value
-        try:
-            data = msgpack.packb(frame)
-        except (OverflowError, ValueError):
-            continue
-        for receive in (
-            lambda data=data: slave.receive_datagram(data, "a", 0),
-            lambda data=data: master.receive_datagram(data, 0),
-        ):
-            receive()
-    assert slave.session_count == 0
     assert not master.finished
 
 

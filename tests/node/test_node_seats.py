@@ -177,18 +177,6 @@ def test_an_entry_of_the_list_may_set_its_own_number_of_places():
     assert refusal[1] == "all sessions that this master may have are taken; it may have 1 at once"
 
 
-def test_a_scene_is_kept_for_its_master_while_nobody_needs_the_place(house):
-    first = house.works("a", 0)
-    first.position(2, 1000, 0.025)
-    scene = house.slave.contexts[0].scene
-    house.slave.tick(29 * SECOND)
-    house.works("a", 29 * SECOND, name="a1")
-    assert house.slave.contexts[0].scene is scene
-    house.slave.tick(60 * SECOND)
-    house.works("a", 60 * SECOND, name="a1")
-    assert house.slave.contexts[0].scene is not scene
-
-
 HALF_OPEN_US, KEEP_US = 600, 900
 
 

@@ -4,11 +4,10 @@ import numpy as np
 import pytest
 
 from hapticnet.protocol.handshake import FRESH_AFTER_US
-from hapticnet.protocol.keys import MasterKey, PrivateKey
 from hapticnet.protocol.messages import Close, Code, Cookie, Keepalive, Refuse, Welcome, unpack_hello
 from hapticnet.protocol.states import Connected, Ended, Hinted, LinkStale, MasterState, Refused, SessionLost
 from hapticnet.protocol.wire import OPEN, SEALED, Kind, pack, pack_body
-from tests.peers import COOKIE, GRANT, KEY, MASTER, PSK, SESSION, SLAVE, TICKET, HandSlave, events_of
+from tests.peers import COOKIE, GRANT, KEY, SESSION, TICKET, HandSlave, events_of
 from tests.protocol.test_protocol_master_session import connected, new_session, send_position
 
 SECOND = 1_000_000
@@ -99,20 +98,6 @@ def test_only_the_answer_to_our_own_hello_counts(sealed):
     assert session.state is MasterState.CONNECTING
 
 
-def test_a_welcome_without_a_session_or_with_another_peers_seal_is_malformed(sealed):
-    session = new_session(sealed)
-    slave = HandSlave(session, sealed=sealed)
-    session.tick(0)
-    hello = slave.hello()
-    slave.welcome(hello, 10, GRANT._replace(rate_hz=0.0))
-    body = pack_body(Welcome(unpack_hello(hello.body).nonce, bytes(range(100))))
-    session.receive_datagram(pack(Kind.WELCOME, SESSION, 0, body, slave.version), 20)
-    assert session.received.malformed == 2
-    assert session.state is MasterState.CONNECTING
-    slave.welcome(hello, 30)
-    assert events_of(session) == [Connected(GRANT)]
-
-
 def test_a_second_answer_changes_nothing(sealed):
     session, slave = connected(sealed)
     slave.say(Kind.CLOSE, 1, Close("shutting down"), 0)
@@ -160,16 +145,6 @@ def test_a_master_that_had_a_session_asks_again_after_a_refusal_with_back_off(se
     session.tick(61 * SECOND)
     slave.refuse(slave.hello(), 61 * SECOND, "all sessions are taken", Code.FULL)
     assert [event.retry_us for event in events_of(session) if isinstance(event, Refused)] == [SECOND]
-
-
-def test_a_sealed_welcome_under_another_pre_shared_key_is_not_believed():
-    session = new_session(sealed=True)
-    session._asking._key = MasterKey(PrivateKey(MASTER.private, PSK), SLAVE.public)
-    slave = HandSlave(session, sealed=True)
-    session.tick(0)
-    slave.welcome(slave.hello(), 10)
-    assert session.received.malformed == 1
-    assert session.state is MasterState.CONNECTING
 
 
 def test_a_master_with_a_key_takes_no_open_session():
