@@ -35,6 +35,12 @@ STEP = 120
 FRAME_MS = 20
 
 
+@pytest.fixture
+def greeted(core: Any) -> Any:
+    core.send(0, Hello())
+    return core
+
+
 @pytest.mark.parametrize("vector", VECTORS["messages"], ids=lambda vector: vector["name"])
 def test_c_and_python_agree_on_every_message(core: Any, vector: dict[str, Any]) -> None:
     if vector["kind"] < 0x80:
@@ -100,48 +106,44 @@ def test_nothing_is_done_before_hello(core: Any) -> None:
     assert reading.flags == Flag.GREETED | Flag.RETRACTED
 
 
-def test_a_host_of_another_major_gets_the_identity_and_is_refused(core: Any) -> None:
-    core.send(0, Hello())
-    (identity,) = core.send(0, Hello(PROTOCOL_MAJOR + 1, 0))
+def test_a_host_of_another_major_gets_the_identity_and_is_refused(greeted: Any) -> None:
+    (identity,) = greeted.send(0, Hello(PROTOCOL_MAJOR + 1, 0))
     assert identity.protocol_major == PROTOCOL_MAJOR
-    core.send(0, LEVEL)
-    assert core.frame(0) == RETRACTED
-    assert core.send(0, Stream(1)) == []
+    greeted.send(0, LEVEL)
+    assert greeted.frame(0) == RETRACTED
+    assert greeted.send(0, Stream(1)) == []
 
 
-def test_the_newest_setpoint_wins_and_is_reached_in_steps(core: Any) -> None:
-    core.send(0, Hello())
-    core.send(0, Stream(1))
-    core.send(0, Setpoint(1, 3900, 3900, 3900))
-    core.send(1, Setpoint(2, 2500, 2600, 2405))
-    assert core.frame(2) == [2500, 2400 + STEP, 2405]
-    assert core.tick(3)[0].flags == Flag.GREETED | Flag.STEP_LIMITED
-    assert core.frame(22) == [2500, 2600, 2405]
-    (reading,) = core.tick(23)
+def test_the_newest_setpoint_wins_and_is_reached_in_steps(greeted: Any) -> None:
+    greeted.send(0, Stream(1))
+    greeted.send(0, Setpoint(1, 3900, 3900, 3900))
+    greeted.send(1, Setpoint(2, 2500, 2600, 2405))
+    assert greeted.frame(2) == [2500, 2400 + STEP, 2405]
+    assert greeted.tick(3)[0].flags == Flag.GREETED | Flag.STEP_LIMITED
+    assert greeted.frame(22) == [2500, 2600, 2405]
+    (reading,) = greeted.tick(23)
     assert reading.flags == Flag.GREETED
     assert reading.applied_sequence == 2
 
 
-def test_motion_away_from_the_finger_is_not_limited(core: Any) -> None:
-    core.send(0, Hello())
+def test_motion_away_from_the_finger_is_not_limited(greeted: Any) -> None:
     for now_ms in range(0, 10 * FRAME_MS, FRAME_MS):
-        core.send(now_ms, LEVEL)
-        held = core.frame(now_ms)
+        greeted.send(now_ms, LEVEL)
+        held = greeted.frame(now_ms)
     assert held == list(LEVEL[1:])
-    core.send(200, Setpoint(8, 2400, 2881, 2880))
-    assert core.frame(200) == [2400, 2881, 2880]
+    greeted.send(200, Setpoint(8, 2400, 2881, 2880))
+    assert greeted.frame(200) == [2400, 2881, 2880]
 
 
 @pytest.mark.parametrize("servo", [0, 1, 2])
 @pytest.mark.parametrize(("ticks", "taken"), [(0, 0), (2359, 0), (2360, 1), (4040, 1), (4041, 0), (65535, 0)])
 def test_a_setpoint_beyond_the_limits_of_one_servo_is_refused_as_a_whole(
-    core: Any, servo: int, ticks: int, taken: int
+    greeted: Any, servo: int, ticks: int, taken: int
 ) -> None:
-    core.send(0, Hello())
     pulses = [2410, 2420, 2430]
     pulses[servo] = ticks
-    core.send(0, Setpoint(1, *pulses))
-    assert (core.frame(0) != RETRACTED) == bool(taken)
+    greeted.send(0, Setpoint(1, *pulses))
+    assert (greeted.frame(0) != RETRACTED) == bool(taken)
 
 
 @pytest.mark.parametrize("start_ms", [0, 1_000, 2**32 - 100], ids=["at start", "later", "across the wrap of the clock"])
@@ -160,36 +162,33 @@ def test_silence_retracts_in_one_frame_and_a_new_setpoint_starts_softly(core: An
     assert core.frame(at(232)) == [2400 + STEP] * 3
 
 
-def test_refused_and_damaged_setpoints_are_not_a_sign_of_life(core: Any) -> None:
-    core.send(0, Hello())
-    core.send(0, LEVEL)
+def test_refused_and_damaged_setpoints_are_not_a_sign_of_life(greeted: Any) -> None:
+    greeted.send(0, LEVEL)
     for now_ms in range(0, 200, 10):
-        core.send(now_ms, Setpoint(1, 0, 0, 0))
-        core.receive(now_ms, frame(encode(LEVEL))[1:])
-        core.send(now_ms, Stream(0))
-    assert core.frame(200) == RETRACTED
+        greeted.send(now_ms, Setpoint(1, 0, 0, 0))
+        greeted.receive(now_ms, frame(encode(LEVEL))[1:])
+        greeted.send(now_ms, Stream(0))
+    assert greeted.frame(200) == RETRACTED
 
 
-def test_hello_retracts_and_stops_the_stream(core: Any) -> None:
-    core.send(0, Hello())
-    core.send(0, Stream(1))
-    core.send(0, LEVEL)
-    assert core.frame(0) != RETRACTED
-    core.send(1, Hello())
-    assert core.frame(20) == RETRACTED
-    assert core.tick(21) == []
+def test_hello_retracts_and_stops_the_stream(greeted: Any) -> None:
+    greeted.send(0, Stream(1))
+    greeted.send(0, LEVEL)
+    assert greeted.frame(0) != RETRACTED
+    greeted.send(1, Hello())
+    assert greeted.frame(20) == RETRACTED
+    assert greeted.tick(21) == []
 
 
-def test_readings_come_at_the_requested_period(core: Any) -> None:
-    core.send(0, Hello())
-    assert core.tick(0) == []
-    assert core.send(0, Stream(3)) == [StreamAck(3, 3)]
-    readings = [reading for ms in range(1, 31) for reading in core.tick(ms, 64 * ms)]
+def test_readings_come_at_the_requested_period(greeted: Any) -> None:
+    assert greeted.tick(0) == []
+    assert greeted.send(0, Stream(3)) == [StreamAck(3, 3)]
+    readings = [reading for ms in range(1, 31) for reading in greeted.tick(ms, 64 * ms)]
     assert [reading.uptime_ms for reading in readings] == list(range(3, 31, 3))
     assert [reading.sequence for reading in readings] == list(range(10))
     assert readings[-1] == SensorReading(9, 30, 7, 64 * 30, Flag.GREETED | Flag.RETRACTED, 0, 0, 0, 0)
-    assert core.send(40, Stream(0)) == [StreamAck(0, 0)]
-    assert core.tick(41) == []
+    assert greeted.send(40, Stream(0)) == [StreamAck(0, 0)]
+    assert greeted.tick(41) == []
 
 
 def test_the_watchdog_is_not_reset_without_servo_frames(core: Any) -> None:

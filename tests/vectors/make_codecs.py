@@ -176,22 +176,16 @@ def decoder_after(codec, axes, samples):
 
 def bad_payloads(name, axes, good):
     """Return payloads that every receiver should refuse, and some that only some refuse."""
-    yield b""
-    yield good + b"\0"
-    yield good[:-1]
-    yield bytes.fromhex("7fc00000" * axes)
+    single = bytes.fromhex("3f800000" * axes)
+    yield from (b"", good + b"\0", good[:-1], bytes.fromhex("7fc00000" * axes))
     yield bytes.fromhex("7f800000" * axes) + (b"\0\0" * axes if name == "adaptive-predictive" else b"")
-    yield bytes.fromhex("7ff0000000000000" * axes)
-    yield bytes.fromhex("8000" * axes)
-    yield bytes.fromhex("8000" * axes + "0000" * axes)
-    yield bytes.fromhex("0fff" * axes)
-    yield bytes.fromhex("3f800000" * axes + "7c00" * axes)
-    yield bytes.fromhex("3f800000" * axes + "6401" * axes)
-    yield bytes.fromhex("3f800000" * axes + "7fc00000" * axes)
+    for values in ("7ff0000000000000",), ("8000",), ("8000", "0000"), ("0fff",):
+        yield bytes.fromhex("".join(value * axes for value in values))
+    for value in ("7c00", "6401", "7fc00000"):
+        yield single + bytes.fromhex(value * axes)
     yield bytes([good[0] ^ 0x40]) + good[1:]
     yield bytes([good[0] & 0x7F]) + b"\xff" * (4 * axes + 1)
     if name == "motion-predictive":
-        single = bytes.fromhex("3f800000" * axes)
         yield b"\x04" + single
         yield b"\x02" + single + bytes.fromhex("0000" * axes)
         yield b"\x02" + single + bytes.fromhex("7bff" * axes)
