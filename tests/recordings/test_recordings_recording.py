@@ -85,8 +85,7 @@ def test_units_of_force_are_obeyed_and_others_told(file, header, scale):
 
 
 @pytest.mark.parametrize(
-    "content",
-    ["t\tF\n[ms]\t[mN]\n0\t1\n1\t2\n", "t   [ms] F  (mN)\n0 1\n1 2\n", "t_ms\t F_mN\n0 1\n1 2\n"],
+    "content", ["t\tF\n[ms]\t[mN]\n0\t1\n1\t2\n", "t   [ms] F  (mN)\n0 1\n1 2\n", "t_ms\t F_mN\n0 1\n1 2\n"]
 )
 def test_units_stand_under_the_header_or_beside_a_name_after_white_space(file, content):
     recording = load_recording(file(content))
