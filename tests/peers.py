@@ -15,7 +15,6 @@ from hapticnet.protocol.messages import (
     unpack_cookie,
     unpack_hello,
     unpack_refuse,
-    unpack_request,
     unpack_welcome,
 )
 from hapticnet.protocol.states import ForceArrived
@@ -219,8 +218,3 @@ class HandMaster:
         elif self.seal is not None and datagram.kind is not Kind.RESET:
             return datagram._replace(body=self.seal.open(data, datagram))
         return datagram
-
-
-def request_in(hello):
-    """Return the request that an open HELLO carries."""
-    return unpack_request(unpack_hello(hello.body).request)

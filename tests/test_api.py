@@ -80,6 +80,7 @@ def test_a_recording_from_a_file_brings_its_own_times_and_positions(tmp_path):
     [
         ({"t_us": T_S}, "the median period of t_us is 0.001 µs; .* if these are seconds, pass them as t_s"),
         ({"t_s": T_S * 1e6}, "the median period of t_s is 1000 s; .* if these are microseconds, pass them as t_us"),
+        ({"t_s": T_S * 1e3}, "t_s is 1 s; .* milliseconds, pass t_s = milliseconds / 1000"),
         ({"t_us": T_S * 1e3}, "t_us is 1 µs; .* milliseconds, pass t_s = milliseconds / 1000"),
         ({"t_us": np.zeros(2000)}, "t_us is 0 µs; .* give rate_hz"),
         ({"t_s": T_S[:99]}, "t_s has 99 values for 2000 samples"),
@@ -107,6 +108,7 @@ def test_what_cannot_be_right_is_refused_with_the_value_seen(arguments, message)
         ([], "force is empty"),
         (None, "force is None"),
         (["1", "2"], "force is of type <U1; it must be real numbers"),
+        (np.array(["1.0", 2.0], dtype=object), "force is of type <U3; it must be real numbers"),
         (1j * FORCE, "force is of type complex128"),
         ([object()], "force is not made of numbers"),
         (FORCE.reshape(4, 500), r"force: recording of shape \(4, 500\); it must be \(n,\) or \(n, 1 to 3\)"),
@@ -223,8 +225,10 @@ def test_measures_take_what_encode_gives():
             measure(*given, **more)
 
 
-def test_streaming_is_the_same_as_encoding_at_once():
+def test_streaming_is_the_same_as_encoding_at_once_and_a_codec_object_keeps_its_law():
     codec = hn.make_codec("adaptive-predictive", multiplier=2)
+    with pytest.raises(hn.SettingsError, match="codec is an object with its own law and parameters; omit multiplier"):
+        hn.encode(FORCE, codec=codec, multiplier=2)
     encoder, decoder = codec.encoder(1), codec.decoder(1)
     sent, decoded = [], []
     for index, force_n in enumerate(FORCE.tolist()):
@@ -234,15 +238,9 @@ def test_streaming_is_the_same_as_encoding_at_once():
             sent.append(index)
         decoded.append(decoder.reconstruct(1000 * index)[0])
     at_once = hn.encode(FORCE, codec=codec)
+    assert at_once.codec is codec
     assert sent == at_once.sent.tolist()
     assert decoded == at_once.decoded.tolist()
-
-
-def test_a_codec_object_keeps_its_law():
-    codec = hn.make_codec("deadband", weber_fraction=0.2)
-    assert hn.encode(FORCE, codec=codec).codec is codec
-    with pytest.raises(hn.SettingsError, match="codec is an object with its own law and parameters; omit multiplier"):
-        hn.encode(FORCE, codec=codec, multiplier=2)
 
 
 def test_a_virtual_link_is_the_same_run_after_run():

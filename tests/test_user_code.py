@@ -60,8 +60,9 @@ def test_a_module_of_the_working_directory_is_found():
     assert (found.make().stiffness, found.file) == (1, None)
 
 
-def test_the_classes_of_one_file_share_its_module():
-    write(RIG)
+def test_the_classes_of_one_file_share_its_module_and_import_its_neighbours():
+    write("", "neighbour_of_a_rig.py")
+    write(f"import neighbour_of_a_rig\n{RIG}")
     first = user_code.load_user_code("rig.py:Wall", "scene")
     second = user_code.load_user_code("./rig.py:make_wall", "operator")
     assert second().stiffness == 7
@@ -76,12 +77,6 @@ def test_files_of_one_name_in_two_folders_stay_apart_and_hide_no_module():
     assert (one().stiffness, two().stiffness) == (1, 2)
     assert sys.modules[one.__module__] is not sys.modules[two.__module__]
     assert "one" not in sys.modules["json"].__file__
-
-
-def test_a_file_imports_its_neighbours():
-    write("answer = 42", "neighbour_of_a_rig.py")
-    write("import neighbour_of_a_rig\nclass A:\n    answer = neighbour_of_a_rig.answer")
-    assert find_user_class("rig.py:A", "scene").make().answer == 42
 
 
 def test_an_edited_file_is_read_again_and_a_broken_edit_keeps_nothing():
@@ -118,12 +113,14 @@ def test_what_has_the_form_of_user_code(text, source):
         ("no.such.place:A", None, "operator no.such.place:A: cannot find no.such.place"),
         ("rig.py", RIG, "operator 'rig.py': name the class in the file too, as in rig.py:MyClass"),
         ("rig.py:Wal", RIG, "operator rig.py:Wal: rig.py defines no class 'Wal'; it defines Wall"),
+        ("rig.py:number", RIG, "rig.py defines no class 'number'"),
         ("rig.py:Wall", "import nothing_of_the_kind", "importing rig.py raised ModuleNotFoundError: No module named"),
         ("rig.py:Wall", "class Wall\n", "importing rig.py raised SyntaxError: expected ':'"),
         ("rig.py:Wall", "\n1 / 0", r"raised ZeroDivisionError: division by zero \(rig.py, line 2\)"),
         ("rig.py:Wall", "import os\nos.open('none', 0)", "FileNotFoundError: .*line 2"),
         ("rig.py:Wall:stiffness", RIG, "'stiffness' must be KEY=VALUE, each key once, as in stiffness=200"),
         ("rig.py:Wall:a=1,a=2", RIG, "'a=2' must be KEY=VALUE, each key once"),
+        ("rig.py:Wall:1=2", RIG, "'1=2' must be KEY=VALUE"),
         ("rig.py:make_wall:a=1", RIG, r"raised TypeError: make_wall\(\) got an unexpected keyword argument 'a'$"),
         ("rig.py:Wall", "class Wall:\n    def __init__(self):\n        exit(3)", "making it raised SystemExit: 3"),
         ("rig.py:Wall", "import asyncio\nraise asyncio.CancelledError", "raised asyncio.exceptions.CancelledError"),

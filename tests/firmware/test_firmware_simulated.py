@@ -14,11 +14,11 @@ from hapticnet.device.servos import Linkage
 from hapticnet.errors import SettingsError, UnavailableError
 from hapticnet.runtime import nano as simavr
 from hapticnet.runtime.nano import BUILD_VARIABLE, CYCLES_PER_US, Simavr, simavr_build
+from tests.firmware.rig import HANG
 
 RETRACTED_US = Linkage().retracted_us
 EDGE_ERROR_US = 2.0
 TWO_BYTES_US = 2 * 10 / 0.5  # at 500 kbaud
-HANG = 0xDEAD
 
 
 def near(width_us: float) -> Any:

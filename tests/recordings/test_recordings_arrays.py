@@ -45,6 +45,7 @@ def test_npy_of_one_or_two_dimensions_or_structured(tmp_path, array, columns, ex
         (np.zeros((3, 2)), None, "which column"),
         (np.array(["a", "b"]), None, "holds <U1; expected real numbers"),
         (np.array([1 + 2j]), None, "expected real numbers"),
+        (np.array([1.0, np.inf]), None, 'row 1, column "0": inf is not a finite number'),
         (np.array([1.0, np.nan]), None, 'row 1, column "0": no number; 1 of 2 rows'),
         (np.array([(1, (1, 2))], dtype=[("a", "f8"), ("b", "f8", 2)]), ["b"], r"shape \(1, 2\)"),
     ],

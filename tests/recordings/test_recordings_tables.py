@@ -74,6 +74,7 @@ def test_the_first_bad_cell_is_named_by_line_and_column(table_of, cell, clean_ro
     ("content", "message"),
     [
         ("", "the file has no data"),
+        ("\n# only a comment\n", "the file has no data"),
         ("a,b\n", "there are no rows under the header"),
         ("a,b\n1,2\n3\n", "line 3: 1 cells; the first line has 2"),
         ("a,b\n1,2,3\n", "line 2: 3 cells; the first line has 2"),
