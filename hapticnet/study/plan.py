@@ -17,7 +17,7 @@ from hapticnet.files import user_path
 from hapticnet.hardware import MAX_FORCE_N
 from hapticnet.perception import JND_REFERENCE_FORCES_N, PAPER_FLOOR_N, PAPER_WEBER_FRACTION, WeberLaw
 from hapticnet.scene.sources import PAPER_BREACH_FORCES_N, PAPER_GAP_M
-from hapticnet.study.screens import Texts, english, find_texts
+from hapticnet.study.screens import Texts, english
 
 # Breach forces [N] in the ratios of the paper's, all within the 4.6 N that the device reaches. The paper's largest,
 # 5 N, is felt as 4.6 N: the upper gap shrinks from ln(5/3.5) = 0.357 to ln(4.54/3.33) = 0.309.
@@ -46,8 +46,14 @@ def _channel(spec: str) -> str:
 
 
 def _texts(spec: object, info: ValidationInfo) -> object:
+    """Return the texts that a plan names: a file beside it, or the texts themselves, as a stored plan has them."""
+    if not isinstance(spec, str):
+        return spec
+    if not spec.endswith(".toml"):
+        raise ValueError(f"texts {spec!r} is no .toml file; write one with 'hapticnet experiment texts'")
+    path = (info.context if isinstance(info.context, Path) else Path()) / user_path(spec)
     try:
-        return find_texts(spec, info.context if isinstance(info.context, Path) else Path())
+        return parse_document(read_document(path), str(path), Texts)
     except HapticnetError as error:
         raise ValueError(str(error)) from error
 

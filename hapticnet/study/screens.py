@@ -6,16 +6,13 @@ from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from functools import cache
 from importlib.resources import files
-from pathlib import Path
 from string import Formatter
 from typing import Annotated, Any, Final, TypeAlias
 
 from pydantic import BaseModel, Field, ValidationInfo, model_validator
 
 from hapticnet.checks import meant
-from hapticnet.documents import NOT_BLANK, STRICT, parse_document, read_document, text_of
-from hapticnet.errors import SettingsError
-from hapticnet.files import user_path
+from hapticnet.documents import NOT_BLANK, STRICT, parse_document, text_of
 
 ENTER: Final = "enter"
 ESCAPE: Final = "escape"
@@ -104,19 +101,6 @@ def shipped() -> str:
 def english() -> Texts:
     """Return the texts that are shipped."""
     return parse_document(shipped(), "texts.toml", Texts, context=SHIPPED)
-
-
-def find_texts(spec: object, folder: Path) -> Any:
-    """Return the texts that a plan names: a file beside it, or the texts themselves, as a stored plan has them.
-
-    Raise SettingsError if a text is missing, empty, unknown, or without the words in braces.
-    """
-    if not isinstance(spec, str):
-        return spec
-    if not spec.endswith(".toml"):
-        raise SettingsError(f"texts {spec!r} is no .toml file; write one with 'hapticnet experiment texts'")
-    path = folder / user_path(spec)
-    return parse_document(read_document(path), str(path), Texts)
 
 
 class ScreenKind(enum.StrEnum):

@@ -219,11 +219,12 @@ def played(
     packets, spent = _spent(ticks, datagrams, replayed)
     held_n, sensed_n = _peaks(ticks, stimulus.surfaces_m)
     touching = np.flatnonzero(ticks["held_n"] > 0.0)
+    inside = ticks["position_m"] >= stimulus.surfaces_m[0]
     speed = np.diff(ticks["position_m"]) / np.maximum(np.diff(ticks["t_us"]), 1.0) * 1e6
     speed = speed[ticks["held_n"][1:] > 0.0]
     measures = Measures(
         first_contact_s=float(ticks["t_us"][touching[0]] - ticks["t_us"][0]) * 1e-6 if len(touching) else None,
-        insertions=_entries(ticks["position_m"], stimulus.surfaces_m[0]),
+        insertions=int(np.count_nonzero(inside[1:] & (ticks["position_m"][:-1] < stimulus.surfaces_m[0]))),
         penetrations=len(packets),
         peaks_held_n=held_n,
         peaks_sensed_n=sensed_n,
@@ -326,7 +327,3 @@ def _peaks(
         largest_n[tissue] = max(largest_n[tissue] or 0.0, float(held_n[peak]))
         delivered_n[tissue] = max(delivered_n[tissue] or 0.0, felt_n)
     return tuple(largest_n), tuple(delivered_n)
-
-
-def _entries(position_m: FloatArray, surface_m: float) -> int:
-    return int(np.count_nonzero((position_m[1:] >= surface_m) & (position_m[:-1] < surface_m)))

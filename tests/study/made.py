@@ -38,33 +38,33 @@ def rows(
     found = []
     for person in range(1, people + 1):
         own = Observer(OBSERVERS[observer].of_participant(rng), rng)
-        number = 0
         for block, (name, codec, multiplier) in enumerate(conditions):
             common = {"participant": f"{person:02}", "session": 1, "block": block, "condition": name}
+            common["observer"] = observer if simulated else None
             contacts = []
             for repetition in range(trials):
                 forces = [FORCES_N[each] for each in orders[repetition % 6]]
                 contacts = [look(tissue, forces[tissue], 0.05 * multiplier) for tissue in range(3)]
-                true, answered = tuple(np.argsort(forces).tolist()), own.order(contacts)
-                orders_as_text = ["".join(str(each + 1) for each in order) for order in (true, answered)]
-                distance = 3 - right_pairs(*orders_as_text)
+                orders_told = np.argsort(forces).tolist(), own.order(contacts)
+                true, answered = ("".join(str(each + 1) for each in order) for order in orders_told)
+                pairs = right_pairs(true, answered)
                 found.append(
                     OrderRow(
                         event="trial",
                         **common,
-                        this_n=number,
+                        this_n=block * trials + repetition,
                         this_rep_n=repetition,
-                        onset_s=10.0 * number,
+                        onset_s=10.0 * (block * trials + repetition),
                         duration_s=8.0,
                         codec=codec,
                         multiplier=multiplier,
                         weber_fraction=0.05,
                         floor_n=0.025,
-                        order_true="".join(str(each + 1) for each in true),
-                        order_answered="".join(str(each + 1) for each in answered),
-                        correct=int(distance == 0),
-                        kendall=distance,
-                        pairs_correct=3 - distance,
+                        order_true=true,
+                        order_answered=answered,
+                        correct=int(true == answered),
+                        kendall=3 - pairs,
+                        pairs_correct=pairs,
                         contact_to_answer_s=6.0 + own.takes_s(),
                         insertions=2,
                         penetrations=6,
@@ -76,12 +76,8 @@ def rows(
                         force_packets=9000,
                         wire_bytes=500_000,
                         penetration_bytes=200_000 if codec == "raw" else round(20_000 / multiplier),
-                        observer=observer if simulated else None,
                         seed=seed,
                     )
                 )
-                number += 1
-            found.append(
-                OrderRow(event="rating", **common, rating=own.rate(contacts), observer=observer if simulated else None)
-            )
+            found.append(OrderRow(event="rating", **common, rating=own.rate(contacts)))
     return found

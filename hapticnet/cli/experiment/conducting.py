@@ -6,7 +6,7 @@ import multiprocessing
 import os
 import re
 import signal
-from collections.abc import Callable, Coroutine, Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import replace
 from multiprocessing.connection import Connection
@@ -249,7 +249,11 @@ def _conduct_in_real_time(
                     with TerminalFront(settings.plan.texts) as terminal:
                         await conduct(flow, rig, terminal, store, on_outcome=keep)
 
-        _run(session())
+        try:
+            run_loop(session())
+        except (KeyboardInterrupt, asyncio.CancelledError) as error:
+            complain("interrupted; everything answered is stored, go on with --resume")
+            raise KeyboardInterrupt from error
         return account_of(settings, flow)
 
 
@@ -264,15 +268,6 @@ def _socket_of_page(page: str | None, console: Console) -> "Iterator[tuple[socke
         say_addresses({"the participant's page: ": "operator"}, access, console)
         console.say("press Escape here to stop what the participant feels, Ctrl-C to interrupt the session")
         yield sock, access
-
-
-def _run(session: Coroutine[Any, Any, None]) -> None:
-    """Run a session in real time; say how to go on if it is interrupted."""
-    try:
-        run_loop(session)
-    except (KeyboardInterrupt, asyncio.CancelledError) as error:
-        complain("interrupted; everything answered is stored, go on with --resume")
-        raise KeyboardInterrupt from error
 
 
 @contextmanager
