@@ -6,25 +6,6 @@ from hapticnet.codec.registry import every_codec
 
 CODECS = every_codec()
 
-RATES_HZ = [50.0, 100.0, 200.0, 500.0, 1000.0, 2000.0, 5000.0]
-CONDITIONS = ["none", "1 JND", "2 JND", "4 JND"]
-
-
-def test_packet_rate_keeps_the_laws_of_the_deadband_at_every_rate(measured):
-    results = measured("packet_rate")
-    assert [(row["rate_hz"], row["condition"]) for row in results["scene"]] == [
-        (rate_hz, condition) for rate_hz in RATES_HZ for condition in CONDITIONS
-    ]
-    for start in range(0, len(results["scene"]), 4):
-        rows = results["scene"][start : start + 4]
-        assert [row["penetrations"] for row in rows] == [3] * 4
-        assert rows[0]["packets"] == rows[0]["samples"]
-        assert rows[0]["byte_reduction"] == 0.0
-        assert rows[1]["exceed_jnd_fraction"] == 0.0
-        reductions = [row["byte_reduction"] for row in rows]
-        assert reductions == sorted(reductions)
-        assert all(0.0 < row["rmse_n"] < row["max_error_n"] for row in rows[1:])
-
 
 @pytest.mark.parametrize(
     "arguments",

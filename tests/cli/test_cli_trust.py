@@ -78,7 +78,6 @@ BAD_LISTS = {
     "unknown scene": (lambda _, other: listed(other, 'scene = "moon"'), "master 1: unknown scene 'moon'"),
     "scene file": (lambda _, other: listed(other, 'scene = "tissue.toml"'), "tissue.toml: No such file"),
     "slave's own": (lambda own, _: listed(own), "master 1: public is the slave's own"),
-    "twice": (lambda _, other: 2 * listed(other), "master 2: public is that of 'finger' too"),
 }
 
 

@@ -3,7 +3,6 @@
 import asyncio
 import json
 import re
-import socket
 import subprocess
 import sys
 
@@ -11,7 +10,7 @@ import pytest
 
 from hapticnet.cli.operators import make_operator
 from hapticnet.device.profile import Profile
-from hapticnet.errors import RunError, SettingsError, UnavailableError
+from hapticnet.errors import RunError, SettingsError
 from hapticnet.operator.base import UserOperator
 from hapticnet.operator.remote import RemoteOperator
 from hapticnet.runtime import devices
@@ -109,13 +108,6 @@ def test_operators_that_cannot_be_used_are_refused_in_one_line(spec, message):
     with pytest.raises(SettingsError, match=message) as refused:
         make(spec)
     assert "\n" not in str(refused.value)
-
-
-def test_a_port_in_use_is_told():
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as taken:
-        taken.bind(("127.0.0.1", 0))
-        with pytest.raises(UnavailableError, match="the port is in use"):
-            make(f"udp:{taken.getsockname()[1]}")
 
 
 def test_a_class_of_the_user_is_a_device_that_is_retracted_and_closed_at_the_end(capfd):

@@ -168,7 +168,3 @@ def streaming(device: StandIn | None = None) -> Line:
     made.run(10)
     assert made.host.status == "ready"
     return made
-
-
-def report(made: Line) -> dict[str, object]:
-    return made.host.report()

@@ -62,12 +62,9 @@ def test_it_may_return_a_whole_reading_and_describe_itself():
 
 
 @pytest.mark.parametrize("answer", ["1", float("nan"), 1e300, (1.0,), Reading(0, 0.0, math.inf, 0.0), [None], 10**400])
-def test_a_wrong_reading_is_an_error_of_the_user(answer):
+def test_a_wrong_reading_and_what_it_raises_are_errors_of_the_user(answer):
     with pytest.raises(UserCodeError, match=r"^Platform.exchange returned .* a finite number \[N\], a Reading or"):
         UserDevice(Platform(lambda: answer)).exchange(0.0, 0)
-
-
-def test_what_it_raises_is_told_with_its_line():
     with pytest.raises(UserCodeError, match=r"^Platform.exchange raised ZeroDivisionError: .*test_device_user.py, "):
         UserDevice(Platform(lambda: 1 / 0)).exchange(0.0, 0)
 

@@ -21,7 +21,7 @@ from hapticnet.device.messages import (
     frame,
 )
 from hapticnet.device.wired import WiredDevice
-from tests.device.standin import CALIBRATION, StandIn, line, report, streaming
+from tests.device.standin import CALIBRATION, StandIn, line, streaming
 
 ANY = st.floats(allow_nan=True, allow_infinity=True)
 
@@ -51,8 +51,8 @@ def test_sends_hello_requests_a_stream_and_gives_readings() -> None:
     assert "firmware 0.1.0" in made.host.description
     assert made.host.identity is not None
     assert made.host.identity.boot_id == 7
-    assert report(made)["reset_cause"] == "reset button or port opened"
-    assert report(made)["stream_period_ms"] == 2
+    assert made.host.report()["reset_cause"] == "reset button or port opened"
+    assert made.host.report()["stream_period_ms"] == 2
 
 
 def test_a_reading_stays_until_the_next() -> None:
@@ -62,7 +62,7 @@ def test_a_reading_stays_until_the_next() -> None:
     times = [reading.t_us for _ in range(100) if (reading := made.step())]
     assert len(times) == 100
     assert len(set(times)) == 20
-    assert report(made)["stream_period_ms"] == 5
+    assert made.host.report()["stream_period_ms"] == 5
 
 
 def test_starts_although_a_bootloader_discards_the_first_bytes() -> None:
@@ -72,7 +72,7 @@ def test_starts_although_a_bootloader_discards_the_first_bytes() -> None:
     assert made.host.wants_reopening is False
     made.device_hears = bytes
     assert made.run(110) is not None
-    assert report(made)["times_lost"] == 0
+    assert made.host.report()["times_lost"] == 0
 
 
 def test_a_stream_that_does_not_start_is_requested_again() -> None:
@@ -123,7 +123,7 @@ def test_garbage_affects_only_the_frames_it_hits() -> None:
     made.run(120)  # the first answer may end a frame that the garbage began
     assert made.host.status == "ready"
     assert made.device.deframer.damaged == 1
-    before = int(str(report(made)["readings"]))
+    before = int(str(made.host.report()["readings"]))
 
     def noise(data: bytes) -> bytes:
         return data if rng.random() < 0.9 else data[:7] + rng.randbytes(rng.randrange(40))
@@ -131,13 +131,13 @@ def test_garbage_affects_only_the_frames_it_hits() -> None:
     made.host_hears = noise
     for _ in range(2000):
         assert made.step(0.002) is not None
-    after = int(str(report(made)["readings"]))
+    after = int(str(made.host.report()["readings"]))
     assert 700 < after - before < 980
     made.host_hears = bytes
     made.run(6, 0.002)  # a truncated frame also damages the next one
-    received = int(str(report(made)["readings"]))
-    assert received + int(str(report(made)["readings_lost"])) == made.device.sequence
-    assert int(str(report(made)["frames_damaged"])) > 100
+    received = int(str(made.host.report()["readings"]))
+    assert received + int(str(made.host.report()["readings_lost"])) == made.device.sequence
+    assert int(str(made.host.report()["frames_damaged"])) > 100
 
 
 def test_silence_is_detected_within_sixty_ms_and_the_device_comes_back_retracted() -> None:
@@ -153,8 +153,8 @@ def test_silence_is_detected_within_sixty_ms_and_the_device_comes_back_retracted
     assert len(readings) > 40
     assert all(reading.displacement_m < 1e-4 for reading in readings)
     assert made.device.servos.displacement_m < 1e-4
-    assert report(made)["times_lost"] == 1
-    assert report(made)["resets_seen"] == 0
+    assert made.host.report()["times_lost"] == 1
+    assert made.host.report()["resets_seen"] == 0
 
 
 def test_a_stall_of_the_host_is_not_a_loss_of_the_device() -> None:
@@ -166,7 +166,7 @@ def test_a_stall_of_the_host_is_not_a_loss_of_the_device() -> None:
         made.now_us += 1
         assert made.host.exchange(0.0, made.now_us) is not None
         assert made.step() is not None
-    assert report(made)["times_lost"] == 0
+    assert made.host.report()["times_lost"] == 0
 
 
 def test_clock_jumps_do_no_harm() -> None:
@@ -192,9 +192,9 @@ def test_a_reset_is_detected_and_its_cause_reported(silent_ms: int) -> None:
         seen.add(made.host.status)
     assert "starting after reset (watchdog)" in seen
     assert made.host.status == "ready"
-    assert report(made)["resets_seen"] == 1
-    assert report(made)["times_lost"] == 1
-    assert report(made)["reset_cause"] == "watchdog"
+    assert made.host.report()["resets_seen"] == 1
+    assert made.host.report()["times_lost"] == 1
+    assert made.host.report()["reset_cause"] == "watchdog"
 
 
 @pytest.mark.parametrize("what", ["boot_id", "uptime_ms"])
@@ -207,7 +207,7 @@ def test_a_reading_after_another_boot_is_a_reset(what: str) -> None:
     made.host.receive(frame(encode(last)), made.now_us)
     assert made.host.exchange(0.005, made.now_us) is None
     assert "reset" in made.host.status
-    assert report(made)["resets_seen"] == 1
+    assert made.host.report()["resets_seen"] == 1
     assert made.run(110) is not None
 
 
@@ -246,10 +246,10 @@ def test_a_closed_port_loses_the_device_at_once_and_gives_the_reason() -> None:
     made.device.reset(cause=1)
     made.open()
     assert made.run(10) is not None
-    assert report(made)["times_lost"] == 1
-    assert report(made)["resets_seen"] == 0  # the reset by opening is not counted
+    assert made.host.report()["times_lost"] == 1
+    assert made.host.report()["resets_seen"] == 0  # the reset by opening is not counted
     made.host.closed("closed", made.now_us, orderly=True)
-    assert report(made)["times_lost"] == 1
+    assert made.host.report()["times_lost"] == 1
 
 
 def test_late_readings_do_not_hide_that_hello_is_unanswered() -> None:
@@ -271,18 +271,18 @@ def test_the_devices_counters_are_accumulated_across_their_wrap() -> None:
     for _ in range(1000):
         made.device.refused += 3
         made.step()
-    assert report(made)["device_messages_refused"] == 3000
+    assert made.host.report()["device_messages_refused"] == 3000
     made.device.receive(b"xx\0" * 10)
     made.run(2)
-    assert report(made)["device_frames_damaged"] == 10
+    assert made.host.report()["device_frames_damaged"] == 10
 
 
 def test_foreign_messages_are_counted() -> None:
     made = streaming()
     for body in (b"\x55hello", b"\x82\x00\x01", encode(Setpoint(1, 2, 3, 4))):
         made.host.receive(frame(body), made.now_us)
-    assert report(made)["messages_unknown"] == 2
-    assert report(made)["messages_malformed"] == 1
+    assert made.host.report()["messages_unknown"] == 2
+    assert made.host.report()["messages_malformed"] == 1
     assert made.run(1) is not None
 
 

@@ -43,7 +43,6 @@ class Rig:
     """What a test may look at."""
 
     node: MasterNode
-    slave: SlaveNode
     page: Page
     access: Access
     hand: LiveHand | None
@@ -159,7 +158,6 @@ async def rig(
     known_scene: SceneSettings | None = None,
     operator: Operator | None = None,
     with_slave: bool = True,
-    settings: MasterSettings | None = None,
 ) -> AsyncIterator[Rig]:
     """Run slave, master and page; without an `operator`, the page is the hand."""
     tissues = find_scene(scene) if isinstance(scene, str) else scene
@@ -174,7 +172,7 @@ async def rig(
     slave_sock = listen(HostPort("127.0.0.1", 0))
     sock, address = open_toward(bound_address(slave_sock))
     hand = LiveHand() if operator is None else None
-    node = MasterNode(operator or hand, None, settings or MasterSettings(), SystemEntropy())
+    node = MasterNode(operator or hand, None, MasterSettings(), SystemEntropy())
     plain = ChannelSettings()
     out: Emulator[Any] = Emulator(plain, np.random.default_rng(1))
     back: Emulator[Any] = Emulator(plain, np.random.default_rng(2))
@@ -198,7 +196,7 @@ async def rig(
     tasks = [asyncio.ensure_future(run) for run in runs]
     try:
         async with aiohttp.ClientSession() as http:
-            yield Rig(node, slave, page, access, hand, said, http, stop)
+            yield Rig(node, page, access, hand, said, http, stop)
     finally:
         stop.set()
         async with asyncio.timeout(WITHIN_S):
