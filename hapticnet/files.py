@@ -141,11 +141,10 @@ def replacing(path: Path, *, follow: bool = True, sync: bool = False) -> Iterato
 
 @contextmanager
 def replacing_bytes(path: Path, *, follow: bool = True, sync: bool = False) -> Iterator[BinaryIO]:
-    """Open a file for writing; it replaces an existing file when all of it is written.
+    """Open a file for writing; it replaces an existing file when all of it is written. FileError if that fails.
 
-    If writing fails or is interrupted, the existing file is unchanged. Devices, pipes and mount points (a file mounted
-    into a container) are written directly. `follow` replaces what a link leads to: True only for a file that the user
-    named. `sync` waits for the disk. Raises FileError if the file cannot be written.
+    Devices, pipes and mount points (a file mounted into a container) are written directly. `follow` replaces what a
+    link leads to: True only for a file that the user named. `sync` waits for the disk.
     """
     try:
         if follow and takes_a_stream(path):

@@ -97,11 +97,10 @@ def bytes_per_penetration(slave: Columns, *, contacts: bool = False) -> BytesPer
 def spent_until(
     wire: FloatArray, touching: npt.NDArray[np.bool_], breaches: npt.NDArray[np.signedinteger[Any]]
 ) -> list[int]:
-    """Return what was spent on each penetration, from the touch to the breach.
+    """Return what was spent on each penetration, such as bytes: `wire` at each sample, `breaches` their numbers.
 
     It starts after the last sample without contact or after the previous breach, and ends with the breach: what is sent
-    while nothing is touched belongs to no penetration. `wire` is what was spent at each sample, such as bytes, and
-    `breaches` are the numbers of the samples with a breach, in order.
+    while nothing is touched belongs to no penetration.
     """
     spent = np.concatenate([[0.0], np.cumsum(wire)])
     free = np.flatnonzero(~touching)

@@ -162,8 +162,7 @@ def latex_of(rows: Sequence[Row], origin: Sequence[str] = ()) -> str:
 def csv_of(rows: Sequence[Row], origin: Sequence[str] = ()) -> str:
     """Return a row for each codec, settings and recording, and for several recordings their means and intervals.
 
-    The column ``statistic`` is "recording", "mean" or "half_width": half of the 95 % interval around the mean. Units
-    are those of `Row.flat`; values that do not exist are empty. `origin` are lines of comment at the top.
+    Its ``statistic`` is "recording", "mean" or "half_width" (of the 95 % interval); `origin` are comments at the top.
     """
     found = [{"statistic": "recording", "recordings": 1, **row.flat(), "at_rest": int(row.at_rest)} for row in rows]
     head = [key for key in found[0] if key != "parameters"] if found else []

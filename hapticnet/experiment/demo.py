@@ -66,11 +66,10 @@ def play_conditions(
     announced: bool = False,
     on_progress: Progress,
 ) -> list[Played]:
-    """Play the same motion under each condition, one after the other, and return what both sides recorded.
+    """Play the same motion under each condition with a `codec`, but the first, and return what both sides recorded.
 
     On one axis the hand inserts a needle; on several it palpates, and the device renders the magnitude of the force.
-    `codec` compresses the force in all conditions but the first; the paper's is the deadband. Recordings and reports of
-    the processes go to `folder`. UnavailableError repeats what a process said that cannot do its part.
+    Recordings and reports go to `folder`. UnavailableError repeats what a process said that cannot do its part.
     """
     conditions = conditions_with(codec)
     slave_report = folder / "slave.json"

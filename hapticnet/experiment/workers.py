@@ -174,10 +174,9 @@ def end_with_parent(parent: int) -> None:
 
 @contextmanager
 def workers(jobs: int, shared: Any) -> Iterator[OrderedMap]:
-    """Yield an `OrderedMap` that runs in `jobs` processes; with 1 it runs lazily in this one.
+    """Yield an `OrderedMap` that runs in `jobs` processes; with 1 lazily in this one. Or `EndedError`.
 
-    On Linux the processes are forked, so `shared`, the first argument of every call, need not be picklable: this is how
-    codecs that the user loaded from a file get there. `EndedError` if a process ends unexpectedly.
+    On Linux the processes are forked, so `shared` need not be picklable: so the user's codecs get there.
     """
     if jobs == 1:
         yield lambda function, items: map(partial(function, shared), items)

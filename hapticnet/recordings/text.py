@@ -42,10 +42,9 @@ _HEADER_SPACE: Final = re.compile(r" (?![\[(])")
 
 
 def read_csv(path: Path, columns: Sequence[str] | None = None, *, max_bytes: int = MAX_BYTES) -> dict[str, FloatArray]:
-    """Return columns of a CSV file by name, each finite, shape (rows,), in any form that `TextSource` reads.
+    """Return columns (names, or numbers from 0; None: all) of a CSV file by name, each finite, shape (rows,).
 
-    `columns` are names, or numbers from 0; None: all. The other columns may hold anything. Raise FileError if the file
-    cannot be read, lacks a column, or has a cell there that is not a finite number.
+    The other columns may hold anything. FileError if the file cannot be read, or lacks a column or a number.
     """
     check_readable(path, max_bytes)
     source = TextSource(path)
@@ -76,10 +75,9 @@ class _IrregularError(Exception):
 
 
 class TextSource:
-    """A text table as columns. `_find_layout` finds its separators and header.
+    """A text table as columns, of which memory holds the requested ones; the others may contain anything.
 
-    Blank lines and lines that start with ``#`` or ``%`` are skipped. Columns that are not requested may contain
-    anything. The file is read line by line, so memory holds the requested columns only.
+    Blank lines and lines that start with ``#`` or ``%`` are skipped. `_find_layout` finds separators and header.
     """
 
     def __init__(self, path: Path) -> None:

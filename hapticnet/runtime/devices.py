@@ -35,8 +35,7 @@ def real_time_device(
 ) -> Iterator[tuple[Device | UserActuator | None, Wire | None]]:
     """Yield the device written as `text` for real time, None for ``none``, and its wire if it has one.
 
-    `say` is called with a line for the user if a device of theirs cannot be closed. Raises SettingsError if there is no
-    such device; UnavailableError if the simulator is not built or does not start.
+    `say` hears if a user's device cannot be closed. SettingsError, or UnavailableError without a simulator.
     """
     if text == "none":
         yield None, None

@@ -18,10 +18,9 @@ BUFFER_BYTES: Final = 16 * 1024  # receive buffer [B] for some 40 positions: eve
 
 
 class HandPort(Watcher[NodeEvent]):
-    """Pass datagrams to a `RemoteOperator`, and its answers back.
+    """Pass datagrams to a `RemoteOperator`, and its answers back; `say` is called with each message for a person.
 
-    Positions are read when they arrive. The answer leaves after the tick that sent the position to the slave, so that
-    it delays nothing. `stop` closes the socket; `say` is called with each message for a person.
+    The answer leaves after the tick that sent the position to the slave, so that it delays nothing.
     """
 
     name = "udp operator"

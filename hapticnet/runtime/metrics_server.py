@@ -1,7 +1,6 @@
-"""The process of ``--metrics``: it reads figures from its standard input and serves them over HTTP.
+"""The process of ``--metrics``: it reads figures from its standard input (first what they are) and serves them.
 
-The first line describes the metrics, each other has their values. ``/metrics`` is for Prometheus. ``/health`` answers
-200 while the node's loop runs, and 503 if nothing has come from it for `STALE_S`.
+``/metrics`` is for Prometheus; ``/health`` answers 503 if nothing has come for `STALE_S`, else 200.
 """
 
 import json

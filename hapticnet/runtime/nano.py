@@ -86,11 +86,10 @@ class Simavr:
             raise UnavailableError(f"cannot start {harness}: {error}") from error
 
     def advance(self, duration_us: int, *, millivolts: float = 0.0, data: bytes = b"") -> Step:
-        """Advance time by up to ten seconds, which may be exceeded by a few clock cycles.
+        """Advance by up to ten seconds with `millivolts` at the force sensor's pin; may be a few cycles more.
 
-        `millivolts` is the voltage at the force sensor's pin, clamped to the 5 V supply. The `data` for the firmware,
-        up to `MOST_BYTES`, arrive at the speed of the line. Raises SettingsError if the duration is out of range or
-        there are too many bytes; UnavailableError if the simulator has ended.
+        The `data` for the firmware arrive at the speed of the line. SettingsError if the duration or their number is
+        out of range; UnavailableError if the simulator has ended.
         """
         check_parameter("step", duration_us, 0, LONGEST_STEP_US, "µs")
         if len(data) > MOST_BYTES:

@@ -93,10 +93,9 @@ _ERASE: Final = "\r\x1b[2K"  # return to the start of the line and erase it (ECM
 
 
 class NonblockingLog:
-    """Lines and a live status line for a stream.
+    """Lines and a live status line for a stream, which `stream` returns; None if the process has none.
 
-    Until `start` is called each line is written at once, and a reader who pauses is waited for. From then on a thread
-    writes them, and their rate is limited. `stream` returns the stream, or None if the process has none.
+    Until `start`, each line is written at once. From then on a thread writes them, and their rate is limited.
     """
 
     def __init__(self, stream: Callable[[], TextIO | None]) -> None:

@@ -42,10 +42,9 @@ POLL_S: Final = 0.01
 
 
 class SideProcess:
-    """A child process at normal priority that is fed through its standard input. Nobody waits for it.
+    """A child process at normal priority, a module fed through its standard input; it ends when that is closed.
 
-    It runs a module, and ends when its input is closed, thus also when this process is killed. A Ctrl-C on the terminal
-    does not reach it. `descriptors` are passed on to it. Raises UnavailableError if it cannot be started.
+    Nobody waits for it, and a Ctrl-C does not reach it. Raises UnavailableError if it cannot be started.
     """
 
     def __init__(self, module: str, *arguments: str, descriptors: Sequence[int] = ()) -> None:

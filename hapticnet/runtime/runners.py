@@ -305,9 +305,8 @@ async def run_slave(
 ) -> None:
     """Serve until `stop` is set or `duration_s` [s] have passed, then close every session.
 
-    Before, masters have `drain_s` [s] to finish; `stop`, or a second signal, ends this. Without a `stop`, SIGINT and
-    SIGTERM end the run, and `on_hangup` is called at each SIGHUP. `rescue` ends a run that is stuck then.
-    `on_listening` is called when datagrams and signals are answered.
+    Before, masters have `drain_s` [s] to finish; `stop`, or a second signal, ends this. Without a `stop`, signals end
+    the run, and `on_hangup` is called at each SIGHUP; `on_listening` when datagrams and signals are answered.
     """
     loop = asyncio.get_running_loop()
     runner = SlaveRunner(node, sock, **around)

@@ -1,7 +1,4 @@
-"""Whether sessions are sealed or open, and with which keys: what options or parameters of master and slave amount to.
-
-Open sessions are neither encrypted nor authenticated, so they take loopback or ``--insecure``.
-"""
+"""Whether sessions are sealed or open (on loopback or with ``--insecure``), and with which keys."""
 
 from collections.abc import Callable
 from dataclasses import dataclass

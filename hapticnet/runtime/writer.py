@@ -1,7 +1,6 @@
 """The process that writes recordings: frames come in on stdin, lines for the user go out on stdout.
 
-It runs at normal priority in its own session: a signal to the node's terminal does not reach it. When stdin ends,
-because the node has finished or was killed, it completes the files and ends.
+Signals to the terminal do not reach it. When stdin ends, as its node has, it completes the files and ends.
 """
 
 import json

@@ -173,10 +173,9 @@ def _first_line(error: Exception) -> str:
 
 
 def draw(results: Results, shown: Shown, by: Sequence[str], file: Path) -> None:
-    """Draw a figure into a file. Of measures, the mean of each group of runs is drawn.
+    """Draw the means of groups of runs into a file; SettingsError for an unknown column or too many panels.
 
-    If `shown.x` is a measure, a line has a point for each combination of the values of `by`; if it is a setting, for
-    each of its values. SettingsError if there is no such column, or there are too many panels.
+    If `shown.x` is a measure, a line has a point for each combination of values of `by`, else for each of its values.
     """
     check_format(file.suffix[1:])
     x, y, line, panel = shown.x, shown.y, tuple(shown.line or ()), tuple(shown.panel or ())

@@ -165,10 +165,9 @@ Source: TypeAlias = Touched | Recorded
 
 
 def touched(scene: str, hand: str | None, rate_hz: float, folder: Path) -> Touched:
-    """Return a scene, whose path is relative to `folder`, and the hand that touches it.
+    """Return a scene, whose path is relative to `folder`, and the hand (with ``:KEY=VALUE,…``) that touches it.
 
-    The hand is "scripted" or "palpation", or one of them with ``:KEY=VALUE,…``; None: the one that suits the scene,
-    once. SettingsError if something does not exist, is out of range, or does not fit; FileError for a bad file.
+    None: the hand that suits the scene, once. SettingsError if something is wrong; FileError for a bad file.
     """
     settings = find_scene(scene, folder)
     axes = make_scene(settings).axes

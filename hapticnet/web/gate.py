@@ -1,8 +1,7 @@
 """What the connections to the page may send: a little at a time, so that no flood delays a tick.
 
-Frames of a WebSocket and requests are parsed on the master's event loop, thousands of them in one call if they arrive
-together. The gate passes bytes on in small portions, at most one every `PASS_S`, and stops reading from a connection
-whose bytes wait; its sender then waits, too. Connections that have shown a token go first.
+Thousands of frames that arrive together would be parsed in one call. The gate passes bytes on in portions, at most one
+every `PASS_S`, and reads no more of a connection meanwhile. Those that have shown a token go first.
 """
 
 import asyncio

@@ -129,8 +129,7 @@ def check_mcap() -> None:
 class Archive:
     """Carry out frames; the first fault, or the limit, completes everything as it is, as far as the disk permits.
 
-    `stop` is called once when nothing more is recorded: with the reason, and whether it is a fault rather than the
-    limit; `tell` with what else the user should know.
+    `stop` is called once then: with the reason, and whether it is a fault; `tell` with what else to know.
     """
 
     def __init__(self, stop: Callable[[str, bool], None], tell: Callable[[str], None], *, limit_bytes: int) -> None:

@@ -44,11 +44,10 @@ class Messages:
 
 
 def records(file: IO[bytes], path: Path, max_bytes: int) -> Iterator[Record]:
-    """Yield what is whole in a file, in its order, and stop where it is cut off or its structure is damaged.
+    """Yield what is whole in a file, a `Damage` for what is not, and a Footer last if the file is complete.
 
-    In the place of a record that is damaged comes a `Damage`. A Footer comes last if the file is complete. A channel
-    comes once, though files repeat them; schemas and attachments are passed over. Raise FileError if it is not an MCAP
-    file, unpacks to more than `max_bytes`, or describes too many topics; nothing beyond the limits is unpacked.
+    A channel comes once, though files repeat them; schemas and attachments are passed over. Raise FileError if it is
+    not an MCAP file, unpacks to more than `max_bytes`, or describes too many topics.
     """
     try:
         from mcap.data_stream import ReadDataStream

@@ -29,8 +29,7 @@ NEEDS_MCAP: Final = ".mcap files need the package mcap (extra record): pip insta
 class McapWriter:
     """Write a recording as MCAP; raise UnavailableError without the extra ``record``, OSError if it cannot be written.
 
-    Each table is a topic ``/SIDE/TABLE`` of messages with a field for each column, and events are logs on
-    ``/SIDE/event``. Times are in ns since 1970: `t_us` plus the recording's offset.
+    Each table is a topic ``/SIDE/TABLE``, events are logs on ``/SIDE/event``; times are in ns since 1970.
     """
 
     def __init__(self, heading: Heading) -> None:

@@ -1,6 +1,5 @@
-"""Rows of numbers as Protocol Buffers: the descriptor of a message and its bytes, packed without a protobuf library.
+"""Rows of numbers as Protocol Buffers of a fixed size, so that NumPy packs and reads many at once, without protobuf.
 
-Every field has a fixed size, so all messages of a table have the same length, and NumPy packs and reads many at once.
 Sources: protobuf.dev/programming-guides/encoding, google/protobuf/descriptor.proto.
 """
 

@@ -29,11 +29,10 @@ class Recovered:
 
 
 def recover_file(path: Path, out: Path | None = None) -> Recovered:
-    """Make a complete recording of an unfinished or truncated one.
+    """Make a complete recording of ``FILE.unfinished``, which is deleted, or of a damaged .mcap file, which is kept.
 
-    `path` is ``FILE.unfinished``, which is deleted afterwards, or an .mcap file that is cut off or damaged, which is
-    kept. `out` is where the complete one goes; None: FILE, or for an .mcap file ``NAME-recovered.mcap``. Raise
-    FileError if it cannot be read, a session still writes it, or the complete one cannot be written or exists already.
+    `out` is where it goes; None: FILE, or for an .mcap file ``NAME-recovered.mcap``. Raise FileError if it cannot be
+    read, a session still writes it, or the complete one cannot be written or exists already.
     """
     unfinished = path.parent / (path.name + UNFINISHED)
     if not path.exists() and unfinished.exists():
