@@ -35,15 +35,6 @@ class RunningError:
         if error > self._floor_n and error > self._weber_fraction * size:  # as `jnd_n`, without a call
             self._exceeded += 1
 
-    @property
-    def state(self) -> tuple[int, float, float, int]:
-        """Samples, sum of the squared errors [N²], largest error [N], and samples with an error above a JND."""
-        return self.samples, self._squares, self._largest, self._exceeded
-
-    @state.setter
-    def state(self, state: tuple[int, float, float, int]) -> None:
-        self.samples, self._squares, self._largest, self._exceeded = state
-
     def report(self) -> ErrorReport:
         """Return the errors so far; all are 0 if nothing was added."""
         samples = max(self.samples, 1)

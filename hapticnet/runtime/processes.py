@@ -8,7 +8,7 @@ import subprocess
 import sys
 import time
 from collections import deque
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
 from typing import Final
 
@@ -156,10 +156,11 @@ PR_SET_PDEATHSIG: Final = 1  # option of prctl(2) on Linux: receive a signal whe
 class Child:
     """A ``hapticnet`` process with its stderr on a pipe. It ends when this process ends, even if that is killed."""
 
-    def __init__(self, arguments: Sequence[str], *, environment: Mapping[str, str] | None = None) -> None:
+    def __init__(self, arguments: Sequence[str]) -> None:
         self._arguments = arguments
         self._last = "nothing"
         prctl, parent = ctypes.CDLL(None).prctl, os.getpid()
+        hidden = (*KEY_VARIABLES, *OPTION_VARIABLES)
 
         def end_with_parent() -> None:
             prctl(PR_SET_PDEATHSIG, signal.SIGTERM)
@@ -172,7 +173,7 @@ class Child:
             stdout=subprocess.DEVNULL,
             stderr=subprocess.PIPE,
             preexec_fn=end_with_parent,
-            env=_own_variables(os.environ) if environment is None else environment,
+            env={name: value for name, value in os.environ.items() if not name.startswith(hidden)},
             text=True,
             encoding="utf-8",
         )
@@ -225,8 +226,3 @@ class Child:
     @property
     def _command(self) -> str:
         return f"hapticnet {self._arguments[0]}"
-
-
-def _own_variables(environment: Mapping[str, str]) -> dict[str, str]:
-    hidden = (*KEY_VARIABLES, *OPTION_VARIABLES)
-    return {name: value for name, value in environment.items() if not name.startswith(hidden)}

@@ -21,22 +21,14 @@ ASK_EVERY_US: Final = 200_000  # shortest time [µs] between two sessions that a
 class Controls:
     """Apply changes to a running master; `channels` (feedback, forward) are needed to change delay and loss."""
 
-    def __init__(
-        self,
-        node: MasterNode,
-        channels: Sequence[tuple[Emulator[Any], ChannelSettings]] = (),
-        *,
-        is_fixed: bool = False,
-    ) -> None:
+    def __init__(self, node: MasterNode, channels: Sequence[tuple[Emulator[Any], ChannelSettings]] = ()) -> None:
         self._node = node
         self._wanted: tuple[str, WeberLaw] | None = None
         self._asked_us = -ASK_EVERY_US
-        self._channels = [(channel, settings) for channel, settings in channels]
-        changeable = ["multiplier", "codec", *(CHANNEL_KEYS if channels else ())]
+        self._channels = list(channels)
         # Docstrings are read for it, which takes too long between two ticks.
         self._codecs = [{"name": codec["name"], "summary": codec["summary"]} for codec in describe_codecs()]
-        # Names of the settings that can be changed
-        self.adjustable: tuple[str, ...] = () if is_fixed else tuple(changeable)
+        self.adjustable = ("multiplier", "codec", *(CHANNEL_KEYS if channels else ()))  # settings that can be changed
 
     def codecs(self) -> list[dict[str, str]]:
         """Return names and rules of the codecs to choose from."""
