@@ -175,14 +175,6 @@ def test_packets_that_are_all_held_back_and_duplicates_are_not_reordered(copies)
     assert emulator.counters.reordered == 0
 
 
-def test_a_pattern_loses_exactly_its_packets():
-    emulator = make("loss=pattern:0010110")
-    send_all(emulator, [(1000, 20)] * 14)
-    assert [number for _, number in deliveries(emulator)] == [0, 1, 3, 6, 7, 8, 10, 13]
-    assert emulator.counters.lost == 6
-    assert emulator.counters.lost_bytes == 6 * 48
-
-
 @pytest.mark.parametrize(
     "other", ["jitter=normal:3ms", "reorder=10%", "duplicate=10%", "delay=1s", "rate=1Gbit/s", EVERYTHING]
 )

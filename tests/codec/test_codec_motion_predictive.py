@@ -229,13 +229,11 @@ def test_the_last_known_motion_counts_while_positions_are_missing():
     [
         (b"", "kind -1"),
         (struct.pack(">Bf", 4, 1.0), "kind 4"),
-        (struct.pack(">Bf", 16, 1.0), "kind 16"),
         (struct.pack(">Bf", HOLD, math.nan), "finite"),
         (struct.pack(">Bd", HOLD, 1.0), "kind 0 with 1 axes takes 5"),
         (struct.pack(">Bfe", CURVE, 1.0, 2000.0), "thresholds"),
         (struct.pack(">Bfe", SURFACE, 1.0, 0.0), "normal is zero"),
         (struct.pack(">Bfe", SURFACE, 1.0, 200.0), "stiffness of 40000 N/m"),
-        (struct.pack(">Bfe", SURFACE, 1.0, math.nan), "stiffness of nan N/m"),
         (struct.pack(">Bffee", COUPLED, 1.0, math.inf, 1.0, 1.0), "travel"),
         (struct.pack(">Bffee", COUPLED, 1.0, 0.0, -1.0, 1.0), "stiffness"),
         (struct.pack(">Bffee", COUPLED, 1.0, 0.0, 1.0, 1200.0), "viscosity"),

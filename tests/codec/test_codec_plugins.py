@@ -88,12 +88,6 @@ def test_a_codec_in_a_file_is_used_by_its_name_with_its_parameters():
     assert [each["meaning"] for each in registry.describe_codecs()[-1]["parameters"]] == [""]
 
 
-def test_a_codec_in_a_module_of_the_working_directory_is_found():
-    load(GOOD, "my_module_of_codecs.py")
-    registry._user_codecs.clear()
-    assert parse_codec("my_module_of_codecs:Mine:share=2") == ("mine", {"share": 2.0})
-
-
 def test_a_name_alone_imports_nothing():
     with open("mine.py", "w") as file:
         file.write("raise SystemExit('imported')")
@@ -118,6 +112,8 @@ def test_one_class_may_be_named_in_several_ways(tmp_path):
     parse_codec("./the_same_codec.py:Mine")
     parse_codec(f"{tmp_path}/the_same_codec.py:Mine")
     assert parse_codec("the_same_codec:Mine:share=2") == ("mine", {"share": 2.0})
+    registry._user_codecs.clear()  # so that the module of the working directory is found without the file
+    assert parse_codec("the_same_codec:Mine") == ("mine", {})
 
 
 def test_two_codecs_of_one_name_are_refused():

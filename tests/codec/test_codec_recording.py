@@ -1,5 +1,7 @@
 """Whole recordings: compiled steps give what the stream gives, to the bit, and refuse what it refuses."""
 
+import itertools
+
 import numpy as np
 import pytest
 from codec_cases import anything, assert_same, assert_within_threshold, haptic, laws, steps, stream
@@ -143,21 +145,12 @@ def test_the_applied_force_is_within_the_threshold_at_every_sample_whatever_the_
     check()
 
 
-@pytest.mark.parametrize("axes", [1, 3])
-@pytest.mark.parametrize("codec", made)
+@pytest.mark.parametrize(
+    ("codec", "axes"), [*itertools.product(made, (1, 3)), *itertools.product((Deadband, AdaptivePredictive), (2,))]
+)
 def test_compiled_steps_give_what_the_stream_gives(codec, axes, compiled):
     @settings(max_examples=60)
     @given(codec=made[codec], given=moving(axes))
-    def check(codec, given):
-        assert_same(encode_streamed(codec, *given), compiled(codec, *given))
-
-    check()
-
-
-@pytest.mark.parametrize("codec", [Deadband, AdaptivePredictive])
-def test_two_axes_are_compiled_too(codec, compiled):
-    @settings(max_examples=60)
-    @given(codec=made[codec], given=moving(2))
     def check(codec, given):
         assert_same(encode_streamed(codec, *given), compiled(codec, *given))
 

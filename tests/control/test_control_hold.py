@@ -334,14 +334,10 @@ def test_the_target_does_not_rise_at_repeated_or_earlier_times() -> None:
     assert limiter.limit(5.0, 1_000) == pytest.approx(0.05)
 
 
-@pytest.mark.parametrize("value", [0.0, -1.0, math.nan, math.inf])
-@pytest.mark.parametrize("name", ["max_force_n", "slew_n_per_s"])
-def test_refuses_bad_limits(name: str, value: float) -> None:
-    with pytest.raises(SettingsError, match="must be above 0"):
-        LimitSettings(**{name: value})
-
-
-def test_refuses_limits_above_those_of_the_device() -> None:
+def test_refuses_bad_limits_and_those_above_the_device() -> None:
+    for name, value in itertools.product(("max_force_n", "slew_n_per_s"), (0.0, -1.0, math.nan, math.inf)):
+        with pytest.raises(SettingsError, match="must be above 0"):
+            LimitSettings(**{name: value})
     with pytest.raises(SettingsError, match=r"5\.5"):
         LimitSettings(max_force_n=5.5)
 

@@ -44,15 +44,6 @@ def test_a_tissue_breaks_strictly_above_its_breach_force() -> None:
     assert scene.surfaces_m() == (0.0,)
 
 
-def test_a_needle_that_crosses_all_tissues_in_one_step_breaches_them_all() -> None:
-    scene = Scene(paper_scene(5).tissues)
-    assert step(scene, 0.5) == 0.0
-    assert scene.breaches == 3
-    assert scene.contacts() == (PENETRATED,) * 3
-    assert step(scene, -0.5) == 0.0
-    assert scene.contacts() == (NONE,) * 3
-
-
 def test_a_reset_restores_the_scene_but_not_the_count_of_breaches() -> None:
     scene = Scene([tissue(shaft_friction_n=0.2, recovery_time_s=1.0)])
     step(scene, 0.1)

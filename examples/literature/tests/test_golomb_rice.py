@@ -89,8 +89,3 @@ def test_the_parameter_stays_in_range(integers):
     for integer in integers:
         rice = next_rice(rice, (integer,))
         assert 0 <= rice.parameter <= LARGEST_PARAMETER
-
-
-def test_small_integers_come_to_take_two_bits_each():
-    rice = after(first_rice(1000), *[(0.0,)] * 200)
-    assert len(pack_integers([0, 0, 0, 0], rice.parameter)) == 1
