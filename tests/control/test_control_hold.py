@@ -98,10 +98,6 @@ def test_without_decay_the_value_drops_at_the_age_limit() -> None:
     assert (hold.value(2_000), hold.value(2_001)) == ((1.0,), (0.0,))
 
 
-def test_by_default_a_force_rises_at_the_slew_limit() -> None:
-    assert HoldSettings().rise_n_per_s == LimitSettings().slew_n_per_s == SLEW_N_PER_S
-
-
 @pytest.mark.parametrize("asked_first", [False, True])
 @pytest.mark.parametrize("arrival", ["a keepalive", "a stimulus"])
 def test_after_silence_the_force_rises_at_the_slew_limit_until_it_is_whole(arrival: str, asked_first: bool) -> None:
@@ -132,7 +128,8 @@ def test_a_link_that_dies_while_the_force_rises_keeps_it_and_releases_it_no_late
     assert values[-1] == 0.0
 
 
-def test_the_first_force_of_a_session_rises_as_well() -> None:
+def test_the_first_force_of_a_session_rises_at_the_slew_limit_as_well() -> None:
+    assert HoldSettings().rise_n_per_s == LimitSettings().slew_n_per_s == SLEW_N_PER_S
     hold = Hold(SETTINGS)
     hold.receive((4.0,), 5_000)
     assert hold.value(5_000) == (0.0,)
