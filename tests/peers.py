@@ -19,6 +19,7 @@ from hapticnet.protocol.messages import (
 )
 from hapticnet.protocol.states import ForceArrived
 from hapticnet.protocol.wire import OPEN, SEALED, Kind, pack, pack_body, unpack
+from hapticnet.samples import PositionSample
 
 SESSION = 0xABCDEF01
 TICKET = b"sixteen bytes ok"
@@ -32,6 +33,18 @@ ENTRY = MasterEntry(name="surgeon", public=MASTER.public)
 OTHER_ENTRY = MasterEntry(name="student", public=OTHER_MASTER.public)
 KEY = MasterKey(MASTER, SLAVE.public)
 OTHER_KEY = MasterKey(OTHER_MASTER, SLAVE.public)
+
+
+class Still:
+    """An operator at a place that only the test moves."""
+
+    axes, duration_us = 1, None
+
+    def __init__(self, place_m=0.025):
+        self.place_m = place_m
+
+    def sample(self, t_us):
+        return PositionSample(t_us, (self.place_m,))
 
 
 def events_of(end):

@@ -28,6 +28,7 @@ from hapticnet.scene.scene import Scene
 from hapticnet.scene.settings import Tissue
 from hapticnet.scene.sources import as_touchable, find_scene
 from tests.conftest import linked
+from tests.peers import Still
 
 CODECS = every_codec()
 
@@ -65,18 +66,6 @@ class Cut:
             self.forces_us.append(now_us)
         if not self.cut:
             self.channel.push(packet, size, now_us)
-
-
-class Reach:
-    """An operator at a place that the test moves."""
-
-    axes, duration_us = 1, None
-
-    def __init__(self, place_m=0.0):
-        self.place_m = place_m
-
-    def sample(self, elapsed_us):
-        return PositionSample(elapsed_us, (self.place_m,))
 
 
 def paper():
@@ -210,7 +199,7 @@ LIES = {
 
 @pytest.mark.parametrize("lie", LIES.values(), ids=LIES)
 def test_a_wrong_model_is_replaced_within_a_round_trip(lie):
-    hand = Reach()
+    hand = Still(0.0)
     link = link_with(lambda: Telling(paper(), lambda true: tuple(map(lie, true))), operator=hand)
     link.run(SECOND)
     hand.place_m = 0.0225
@@ -275,7 +264,7 @@ def test_a_layer_that_stiffens_and_never_breaks_is_announced_up_to_its_stiffness
 
 
 def test_a_breach_that_only_the_master_saw_is_corrected_within_a_round_trip():
-    hand = Reach(0.0)
+    hand = Still(0.0)
     link = link_with(paper, operator=hand)
     breach_m = 0.02 + find_scene("paper:1").tissues[0].breach_depth_m
     link.run(SECOND)
@@ -300,7 +289,7 @@ def test_the_scene_of_the_document_is_felt_without_delay():
     (code,) = re.findall(r"```python\n(.*?)```", page.read_text(), re.DOTALL)
     names = {}
     exec(code, names)  # noqa: S102 - our own page
-    hand = Reach()
+    hand = Still(0.0)
     link = link_with(lambda: as_touchable(names["Wall"]()), operator=hand)
     link.run(SECOND)
     hand.place_m = 0.032
@@ -320,7 +309,7 @@ def test_a_layer_that_appears_is_announced_before_it_is_touched():
         def ahead(self):
             return list(walls)
 
-    hand = Reach()
+    hand = Still(0.0)
     link = link_with(Moving, operator=hand)
     link.run(SECOND)
     walls[:] = [LayerAhead(0.01, 500.0)]
@@ -331,7 +320,7 @@ def test_a_layer_that_appears_is_announced_before_it_is_touched():
 
 
 def test_nothing_is_believed_for_longer_than_the_hold_when_the_slave_falls_silent():
-    hand = Reach(0.022)
+    hand = Still(0.022)
     link = link_with(paper, operator=hand)
     link.run(SECOND)
     assert link.master.held_n[0] > 0.3
@@ -343,7 +332,7 @@ def test_nothing_is_believed_for_longer_than_the_hold_when_the_slave_falls_silen
 
 
 def test_a_change_of_codec_and_a_new_session_begin_with_a_new_model():
-    hand = Reach(0.022)
+    hand = Still(0.022)
     link = link_with(paper, operator=hand)
     link.run(SECOND)
     before = link.master.held_n
@@ -364,7 +353,7 @@ def test_the_limits_of_the_device_hold_for_a_model_too():
         def apply(self, force_n, _now_us):
             self.asked_n.append(force_n)
 
-    pressed, hand = Pressed(), Reach()
+    pressed, hand = Pressed(), Still(0.0)
     wall = Telling(paper(), lambda _: (LayerAhead(0.02, 9e3),))
     link = link_with(lambda: wall, "delay=70ms", operator=hand)
     device = UserActuator(pressed, "the device")
@@ -385,7 +374,7 @@ def test_announced_sessions_can_be_sealed(loopback):
 
 
 def test_a_model_is_repeated_only_until_it_has_arrived():
-    link = link_with(paper, "delay=50ms,loss=10%", operator=Reach())
+    link = link_with(paper, "delay=50ms,loss=10%", operator=Still(0.0))
     link.run(8 * SECOND)
     assert max(link.feedback.forces_us) < 3 * SECOND, "keepalives are enough"
     assert link.master.session.received.by_kind[Kind.KEEPALIVE] > 100
@@ -396,7 +385,7 @@ def test_friction_is_the_same_at_both_ends_after_loss():
     layer = Tissue(
         name="sheath", rest_position_m=0.01, stiffness_n_per_m=800.0, breach_force_n=1.0, shaft_friction_n=0.4
     )
-    reach = Reach()
+    reach = Still(0.0)
     link = link_with(lambda: Scene((layer,)), "delay=10ms", operator=reach)
     link.run(SECOND // 5)
     for place_m in np.linspace(0.0, 0.02, 100).tolist():

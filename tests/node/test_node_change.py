@@ -12,8 +12,7 @@ from hapticnet.protocol.messages import Code
 from hapticnet.protocol.settings import SessionSettings
 from hapticnet.protocol.states import ChangeRefused, Connected, LinkStale
 from hapticnet.protocol.wire import unpack
-from hapticnet.samples import PositionSample
-from tests.peers import events_of
+from tests.peers import Still, events_of
 
 SECOND = 1_000_000
 
@@ -23,16 +22,6 @@ CHANGES = {
     "JND": {"law": WeberLaw(multiplier=4.0)},
     "every sample": {"codec": "raw"},
 }
-
-
-class Still:
-    """A hand that rests five millimetres deep in the first tissue."""
-
-    axes = 1
-    duration_us = None
-
-    def sample(self, t_us):
-        return PositionSample(t_us, (0.025,))
 
 
 @pytest.mark.parametrize("round_trip_ms", [0, 40, 220, 500, 960])

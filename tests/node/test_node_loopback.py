@@ -15,10 +15,10 @@ from hapticnet.node.settings import MasterSettings
 from hapticnet.protocol.settings import SessionSettings
 from hapticnet.protocol.states import Connected, LinkRecovered, LinkStale
 from hapticnet.protocol.wire import Kind, unpack
-from hapticnet.samples import PositionSample
 from hapticnet.scene.bodies import BodyScene
 from hapticnet.scene.settings import Plane
 from tests.conftest import make_slave
+from tests.peers import Still
 
 SECOND = 1_000_000
 
@@ -91,16 +91,6 @@ def test_the_same_seed_gives_byte_identical_runs(loopback, network):
     assert digest(loopback(3, forward=network, feedback=network)) != digest(
         loopback(4, forward=network, feedback=network)
     )
-
-
-class Still:
-    """An operator who presses on the first tissue, five millimetres deep, and keeps still."""
-
-    axes = 1
-    duration_us = None
-
-    def sample(self, t_us):
-        return PositionSample(t_us, (0.025,))
 
 
 def test_running_in_small_steps_is_the_same_as_in_one_go(loopback):

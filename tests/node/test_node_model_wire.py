@@ -28,9 +28,8 @@ from hapticnet.operator.scripted import InsertionSettings, ScriptedOperator
 from hapticnet.perception import WeberLaw
 from hapticnet.protocol.messages import Force, unpack_hello, unpack_position
 from hapticnet.protocol.wire import Kind
-from hapticnet.samples import PositionSample
 from hapticnet.scene.ahead import MOST_LAYERS, ContactModel, LayerAhead
-from tests.peers import GRANT, SESSION, HandSlave
+from tests.peers import GRANT, SESSION, HandSlave, Still
 from tests.vectors import make_models
 
 VECTORS = json.loads((Path(__file__).parents[1] / "vectors" / "models.json").read_text())
@@ -192,15 +191,6 @@ MODEL = pack_model([PIERCED] * (MOST_LAYERS - 1) + [WHOLE], 1)
 STATE, MODEL_N = 0x7F, 1.0
 
 
-class Still:
-    """An operator who does not move."""
-
-    axes, duration_us = 1, None
-
-    def sample(self, elapsed_us):
-        return PositionSample(elapsed_us, (0.01,))
-
-
 def held(force_n):
     return OF_CODEC + struct.pack(">f", force_n)
 
@@ -210,7 +200,7 @@ class Ends:
 
     def __init__(self, operator=None, **settings):
         settings = MasterSettings(codec="raw", announced=True, **settings)
-        self.master = MasterNode(operator or Still(), None, settings, np.random.default_rng(1))
+        self.master = MasterNode(operator or Still(0.01), None, settings, np.random.default_rng(1))
         self.slave = HandSlave(self.master).connect(grant=ANNOUNCED)
         self.now_us = self.sequence = 0
 

@@ -9,23 +9,14 @@ from hapticnet.codec.registry import every_codec
 from hapticnet.protocol.settings import RepairSettings, SessionSettings
 from hapticnet.protocol.states import LinkStale
 from hapticnet.protocol.wire import Kind, unpack
-from hapticnet.samples import ForceSample, PositionSample
+from hapticnet.samples import ForceSample
 from tests.conftest import linked
-from tests.peers import events_of
+from tests.peers import Still, events_of
 
 CODECS = every_codec()
 
 DELAY_US = 60_000
 ROUND_TRIP_US = 2 * DELAY_US
-
-
-class Resting:
-    """An operator that does not move."""
-
-    axes, duration_us = 1, None
-
-    def sample(self, elapsed_us):
-        return PositionSample(elapsed_us, (0.0,))
 
 
 class Stepping:
@@ -76,7 +67,7 @@ class Losing:
 def link_with(codec, feedback="", forward="", *, scene=Stepping, delay_us=DELAY_US, repair=None, seed=4, **parameters):
     delay, session = f"delay={delay_us // 1000}ms", SessionSettings(repair=repair or RepairSettings())
     settings = {"codec": codec, "parameters": parameters, "session": session}
-    link = linked(Resting(), lambda _: scene(), delay + forward, seed=seed, slave={"session": session}, **settings)
+    link = linked(Still(0.0), lambda _: scene(), delay + forward, seed=seed, slave={"session": session}, **settings)
     link.feedback = Losing(parse_channel(delay + feedback), np.random.default_rng(seed + 1))
     return link
 

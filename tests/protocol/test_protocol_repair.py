@@ -255,40 +255,30 @@ def test_loss_and_burst_length_are_estimated_from_the_numbers_that_arrive(share,
     assert np.mean([loss.again for loss in seen]) == pytest.approx(1 - 1 / burst, abs=0.08)
 
 
-def test_without_loss_nothing_is_reported_and_after_loss_nothing_again():
+def heard(estimate, numbers):
+    """Let numbers arrive; return the loss that is reported then."""
+    for number in numbers:
+        estimate.arrived(number)
+    return estimate.estimate()
+
+
+@pytest.mark.parametrize(
+    ("known", "far", "following", "share"),
+    [(1000, 1050, 1051, 0.05), (100, 2100, 100, 0.5)],
+    ids=["after loss", "after a number that was wrong"],
+)
+def test_without_loss_nothing_is_reported_and_after_it_nothing_again(known, far, following, share):
     estimate = LossEstimate(0)
-    for number in range(1, 1000):
-        estimate.arrived(number)
-    assert estimate.estimate() is None
-    estimate.arrived(1050)
-    for number in range(1051, 1054):
-        estimate.arrived(number)
-    assert estimate.estimate().share > 0.05
-    for number in range(1054, 1054 + 6 * MEMORY):
-        estimate.arrived(number)
-    assert estimate.estimate() is None
+    assert heard(estimate, range(1, known)) is None
+    estimate.arrived(far)
+    estimate.arrived(following, is_new=True)
+    assert heard(estimate, range(following + 1, following + 4)).share > share
+    assert heard(estimate, range(following + 4, following + 8 * MEMORY)) is None
 
 
 def test_datagrams_that_change_places_are_not_lost():
-    estimate = LossEstimate(0)
-    for number in range(1, 1000, 3):
-        for shuffled in (2, 1, 0):
-            estimate.arrived(number + shuffled)
-    assert estimate.estimate() is None
-
-
-def test_the_estimate_goes_on_after_a_number_that_was_wrong():
-    estimate = LossEstimate(0)
-    for number in range(1, 100):
-        estimate.arrived(number)
-    estimate.arrived(100 + 2000)
-    estimate.arrived(100, is_new=True)
-    for number in range(101, 104):
-        estimate.arrived(number)
-    assert estimate.estimate().share > 0.5
-    for number in range(104, 104 + 8 * MEMORY):
-        estimate.arrived(number)
-    assert estimate.estimate() is None
+    order = [number + shuffled for number in range(1, 1000, 3) for shuffled in (2, 1, 0)]
+    assert heard(LossEstimate(0), order) is None
 
 
 def test_a_leap_of_numbers_takes_bounded_work():
