@@ -31,7 +31,6 @@ from tests.conftest import linked
 from tests.peers import Still
 
 CODECS = every_codec()
-
 SECOND = 1_000_000
 DELAY_US = 50_000
 LAW = WeberLaw()

@@ -18,7 +18,6 @@ from hapticnet.node.decoders import GROWTH, LATELY_US, MARGIN_N, receiver
 from hapticnet.perception import WeberLaw
 
 CODECS = every_codec()
-
 LAW = WeberLaw()
 MOTION = make_codec("motion-predictive", LAW)
 

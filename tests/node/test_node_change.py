@@ -15,8 +15,6 @@ from hapticnet.protocol.wire import unpack
 from tests.peers import Still, events_of
 
 SECOND = 1_000_000
-
-
 CHANGES = {
     "codec": {"codec": "motion-predictive"},
     "JND": {"law": WeberLaw(multiplier=4.0)},

@@ -21,14 +21,8 @@ from hapticnet.protocol.messages import Welcome
 from hapticnet.protocol.wire import UDP_IPV4_HEADER_BYTES, Kind, pack, pack_body
 
 CODECS = every_codec()
-
-
 LAW = WeberLaw()
-
-
 PAPER = paper_trial(1, rate_hz=1000.0, insertions=1)
-
-
 LOSSLESS_CODECS = [name for name in CODECS if not make_codec(name, LAW).needs_position]
 
 

@@ -21,14 +21,8 @@ from hapticnet.protocol.states import ForceArrived, HoldConfirmed
 from hapticnet.vectors import magnitude
 
 TICK_US = 1_000
-
-
 LEAD_US = 30_000
-
-
 STIFFNESS_N_M = 400.0
-
-
 SPEED_M_S = 0.02
 
 
@@ -96,8 +90,6 @@ def test_a_forecast_that_errs_is_not_used() -> None:
 
 
 FORCE = st.floats(-1000.0, 1000.0)
-
-
 POSITION = st.floats(-10.0, 10.0)
 
 

@@ -36,8 +36,6 @@ VECTORS = json.loads((Path(__file__).parents[1] / "vectors" / "models.json").rea
 
 
 STIFFEST = 1e4
-
-
 SPRING = LayerAhead(0.02, 500.0, 2.0)
 
 
@@ -177,14 +175,8 @@ def test_a_position_says_which_layers_are_pierced():
 
 
 ANNOUNCED = GRANT._replace(announced=True)
-
-
 PIERCED = LayerAhead(0.0, 100.0, 0.5)
-
-
 WHOLE = LayerAhead(0.0, 100.0)
-
-
 MODEL = pack_model([PIERCED] * (MOST_LAYERS - 1) + [WHOLE], 1)
 
 

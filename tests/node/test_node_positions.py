@@ -33,8 +33,6 @@ HANDS = {
     "a trembling hand": {"tremor_rms_m": 2e-4},
 }
 CODECS = ("raw", "deadband", "linear-predictive", "adaptive-predictive")
-
-
 SPRING = (Tissue(name="spring", rest_position_m=0.02, stiffness_n_per_m=400.0, breach_force_n=4.0),)
 
 

@@ -121,11 +121,7 @@ def test_grants_are_taken_or_dropped(sealed):
 
 
 STRANGER = ("10.66.66.66", 6)
-
-
 EDGES = (0, 1, 2, 127, 128, 3000, 2**16, 2**20 - 1, 2**20, 2**21, 2**31 - 1, 2**31, 2**32 - 1)
-
-
 KINDS = (0, *Kind, 11)
 
 

@@ -14,7 +14,6 @@ from tests.conftest import linked
 from tests.peers import Still, events_of
 
 CODECS = every_codec()
-
 DELAY_US = 60_000
 ROUND_TRIP_US = 2 * DELAY_US
 

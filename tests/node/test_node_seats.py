@@ -20,8 +20,6 @@ from tests.conftest import make_slave
 from tests.peers import MASTER, OTHER_ENTRY, OTHER_KEY, OTHER_MASTER, REQUEST, SLAVE, HandMaster, events_of
 
 SECOND = 1_000_000
-
-
 KEYS = {name: PrivateKey(bytes(range(first, first + 32))) for first, name in enumerate("abcdefghij", start=100)}
 
 

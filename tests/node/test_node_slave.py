@@ -20,8 +20,6 @@ from tests.conftest import make_slave
 from tests.peers import MASTER, HandMaster, events_of
 
 DEEP_M = 0.025
-
-
 SECOND = 1_000_000
 
 

@@ -21,7 +21,6 @@ from tests.conftest import make_slave
 from tests.peers import KEY, MASTER, OTHER_MASTER, PSK, SLAVE, HandMaster
 
 CODECS = every_codec()
-
 SECOND = 1_000_000
 
 

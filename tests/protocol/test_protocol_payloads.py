@@ -17,7 +17,6 @@ from tests.protocol import reference_decoder
 from tests.protocol.reference_decoder import Receiver, Refused
 
 CODECS = every_codec()
-
 ROOT = Path(__file__).parents[2]
 VECTORS = json.loads((ROOT / "tests" / "vectors" / "codecs.json").read_text())["cases"]
 DOCUMENT = "".join((ROOT / page).read_text() for page in ("docs/refer/payloads.md", "examples/literature/PAYLOADS.md"))
