@@ -234,6 +234,25 @@ def test_a_half_open_session_never_ends_the_one_that_works(slave, sealed):
     assert context.steps == 101
 
 
+def test_pierced_tissue_stays_pierced(slave, sealed):
+    """The tool is in the tissue when its master dies, and when it loses its session: nothing is felt twice."""
+    one, began = master(slave, sealed, 1).join(0), 1
+    whole = HandMaster(make_slave(sealed=sealed), sealed=sealed).join(0)
+    for step, depth_m in enumerate(np.linspace(0.0, 0.06, 4000), start=1):
+        now_us = 1000 * step
+        if step in (2500, 3000):
+            ticket, began = (one.grant.ticket if step == 3000 else None), step
+            one = master(slave, sealed, step, ticket=ticket).join(now_us + 3 * SECOND)
+        one.position(1 + step - began, now_us + (3 * SECOND if step >= 2500 else 0), depth_m, t_us=now_us)
+        whole.position(step, now_us, depth_m)
+        if step in (2499, 2500, 2999, 3000, 4000):
+            (interrupted,), (other,) = slave.contexts, whole.slave.contexts
+            assert interrupted.scene.breaches == other.scene.breaches
+            assert interrupted.scene.force_n == pytest.approx(other.scene.force_n)
+    assert interrupted.grant.resumed
+    assert other.scene.breaches > 1
+
+
 def test_a_continuing_session_needs_no_second_place(sealed):
     slave = make_slave(sealed=sealed, session=SessionSettings(most_sessions=1, most_per_identity=1))
     first = HandMaster(slave, sealed=sealed).work()

@@ -154,6 +154,15 @@ def test_a_ramp_is_followed(stiffness_n_m: float) -> None:
 
 
 @pytest.mark.parametrize("stiffness_n_m", FINGERS_N_M)
+@pytest.mark.parametrize(("hertz", "delay_ms"), [(0.5, 40), (1.0, 0), (1.0, 40), (3.0, 0), (3.0, 40)])
+def test_a_sine_target_stays_within_the_limit(stiffness_n_m: float, hertz: float, delay_ms: int) -> None:
+    def sine(ms: int) -> float:
+        return 2.5 + 2.5 * math.sin(2e-3 * math.pi * hertz * ms)
+
+    assert play(sine, 6_000, settings=stiffness(stiffness_n_m), delay_ms=delay_ms).contact_n.max() <= 5.0
+
+
+@pytest.mark.parametrize("stiffness_n_m", FINGERS_N_M)
 def test_below_the_threshold_the_finger_is_touched_lightly_and_pressed_again(stiffness_n_m: float) -> None:
     trace = play(lambda ms: 0.1 if 2_500 <= ms < 5_000 else 2.0, 7_000, settings=stiffness(stiffness_n_m))
     assert trace.contact_n[2_900:5_000].max() < 0.35

@@ -85,6 +85,35 @@ def test_a_request_is_granted_refused_in_words_or_dropped(field, sealed):
     assert slave.session_count <= len(EDGES)
 
 
+@pytest.mark.parametrize("field", ["session", "rate_hz", "keepalive_us", "position_share"])
+def test_a_grant_is_used_or_counted_as_malformed(field, sealed):
+    for value in EDGES:
+        master = master_node(sealed, positions="line", position_share=0.5)
+        slave = HandSlave(master, sealed=sealed)
+        master.tick(0)
+        slave.cookie(slave.hello(), 0)
+        slave.welcome(slave.hello(), 0, GRANT._replace(**{field: value}))
+        report = master.report()
+        assert report["received"]["malformed"] + report["received"]["stray"] == (not master.connected), value
+        if master.connected:
+            assert ranges.RATE_HZ.has(report["rate_hz"])
+            assert master.session.position_share in (0.0, 0.5)
+        for now_us in range(0, 30_000, 1000):
+            master.tick(now_us)
+            master.drive(now_us)
+
+
+@pytest.mark.parametrize("element", range(5))
+def test_a_frame_is_read_or_counted(element):
+    slave, master = make_slave(sealed=None), master_node()
+    HandSlave(master).connect()
+    for data in bodies((1, Kind.FORCE, GRANT.session, 7, b"\x90"), element):
+        slave.receive_datagram(data, "a", 0)
+        master.receive_datagram(data, 0)
+    assert slave.session_count == 0
+    assert not master.finished
+
+
 @pytest.mark.parametrize("name", CODECS)
 def test_every_parameter_of_every_codec_is_checked(name):
     slave = make_slave(sealed=None)
@@ -158,6 +187,41 @@ def test_a_force_is_applied_within_the_limits_or_counted(codec, sealed):
                 seal = slave.seal if kind in SEALED_KINDS else None
                 slave.master.receive_datagram(seal_or_pack(seal, kind, number, body, slave.session), now_us)
     assert not master.finished
+
+
+HELD_US = 50_000
+EXTREMES = (0.0, -0.0, 1.0, 1e15, -1e15, 9.99e14, 1e300, -1e300, 5e-324, math.nan, math.inf)
+
+
+def payloads(rng):
+    """Return payloads of all lengths: random bytes, and every extreme as float64 and float32."""
+    for _ in range(100):
+        yield rng.bytes(int(rng.integers(0, 16)))
+        extreme = EXTREMES[rng.integers(len(EXTREMES))]
+        yield struct.pack(">d", extreme)
+        yield struct.pack(">f", min(max(extreme, -3e38), 3e38))
+        yield struct.pack(">de", extreme, 65504.0) + rng.bytes(int(rng.integers(0, 4)))
+
+
+@pytest.mark.parametrize("codec", CODECS)
+def test_no_payload_brings_a_master_down_or_presses_harder_than_the_device_may(codec):
+    master = master_node(codec=codec)
+    slave = HandSlave(master).connect()
+    largest_n, held_n = 0.0, set()
+    for number, payload in enumerate(payloads(np.random.default_rng(1)), start=1):
+        master.tick(HELD_US * number)
+        slave.say(Kind.FORCE, number, Force(HELD_US * number, payload), HELD_US * number)
+        for now_us in range(HELD_US * number, HELD_US * (number + 1), 1000):
+            master.tick(now_us)
+            master.drive(now_us)
+            held_n.add(master.held_force_n(now_us)[0])
+            largest_n = max(largest_n, master._rendering.fingertip.device.contact_force_n)
+    received = master.report()["received"]
+    assert received["packets"] == number + 2, "COOKIE and WELCOME come first"
+    assert 0 < received["malformed"] < number
+    assert largest_n <= 5.0
+    assert all(map(math.isfinite, held_n))
+    assert len(held_n) > 1
 
 
 def test_the_wire_document_names_every_range():

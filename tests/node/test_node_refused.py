@@ -239,6 +239,18 @@ def is_of_session(data):
         return False
 
 
+@pytest.mark.parametrize("ends_of", [Slaves, Masters])
+def test_ten_thousand_datagrams_of_garbage_are_counted_and_change_nothing(ends_of, sealed):
+    ends, rng = ends_of(sealed=sealed), np.random.default_rng(2)
+    good = ends.pack(Kind.POSITION if ends_of is Slaves else Kind.FORCE, (ends.now_us, bytes(9), bytes(4)))
+    before = ends.malformed
+    for number in range(10_002):
+        data = (rng.bytes(int(rng.integers(0, 80))), good[: number % len(good)], bytes(1201 + number % 300))[number % 3]
+        assert ends.disturb(data) == []
+    assert ends.malformed == before + 10_002
+    ends.step()
+
+
 def test_what_is_replayed_from_under_an_earlier_key_costs_nothing(monkeypatch):
     monkeypatch.setattr("hapticnet.protocol.seal.EPOCH_BITS", 6)
     ends = Slaves(sealed=True)

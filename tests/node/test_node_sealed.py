@@ -2,6 +2,7 @@
 
 import struct
 
+import msgpack
 import numpy as np
 import pytest
 from cryptography.exceptions import InvalidTag
@@ -15,7 +16,7 @@ from hapticnet.protocol.keys import NO_PSK, MasterEntry, MasterKey, PrivateKey
 from hapticnet.protocol.messages import Close, Code
 from hapticnet.protocol.wire import Kind, unpack
 from tests.conftest import make_master, make_slave
-from tests.peers import MASTER, SLAVE, HandMaster, events_of
+from tests.peers import MASTER, SLAVE, HandMaster, Still, events_of
 from tests.protocol.sealed_peer import CLOSE, COOKIE, FORCE, KEEPALIVE, POSITION, WELCOME, Master, Slave
 
 PSK = bytes(range(64, 96))
@@ -116,6 +117,28 @@ def test_a_slave_written_from_the_document_plays_with_this_master(psk):
     assert master.report()["received"]["malformed"] == 0
 
 
+@pytest.mark.plain
+def test_an_observer_sees_neither_names_nor_keys_nor_forces(loopback):
+    link = loopback(sealed=True, settings=MasterSettings(name="nobody else"))
+    link.master._operator, seen = Still(DEEP_M), []
+    for end in (link.master, link.slave):
+        end.receive_datagram = lambda data, *rest, take=end.receive_datagram: (
+            seen.append(unpack(data)),
+            take(data, *rest),
+        )
+    link.run(200_000)
+    (context,) = link.slave.contexts
+    link.close()
+    kinds = {Kind.HELLO, Kind.COOKIE, Kind.WELCOME, Kind.POSITION, Kind.FORCE, Kind.KEEPALIVE, Kind.CLOSE}
+    assert {datagram.kind for datagram in seen} == kinds
+    assert context.scene.force_n > 0.1
+    numbers = [struct.pack(">f", number) for number in (DEEP_M, context.scene.force_n)]
+    texts = [b"nobody else", b"deadband", b"paper:1", MASTER.public, SLAVE.public, context.grant.ticket]
+    assert not [secret for secret in (*texts, *numbers) for datagram in seen if secret in datagram.body]
+    positions = [datagram.body for datagram in seen if datagram.kind is Kind.POSITION]
+    assert len(set(positions)) == len(positions), "although the tool stands still"
+
+
 def test_an_unknown_key_is_refused_in_words_that_only_its_holder_can_read():
     slave = make_slave(sealed=True, masters=[])
     peer = Master(MASTER.private, SLAVE.public, REQUEST, nonce=7)
@@ -146,10 +169,11 @@ def test_no_grant_opens_without_the_psk():
     assert master.report()["received"]["malformed"] > 0
 
 
-def test_a_forged_sequence_in_a_welcome_makes_no_true_datagram_late():
+@pytest.mark.parametrize("forged", [1, 5000, 2**31 - 1, 2**32 - 1])
+def test_a_forged_sequence_in_a_welcome_makes_no_true_datagram_late(forged):
     """Nothing authenticates the frame of a WELCOME; whoever copies one can send it first, with another sequence."""
     master = master_with()
-    peer = Slave(SLAVE.private, SLAVE.public, GRANT, sequence=0x7FFF_FFFF)
+    peer = Slave(SLAVE.private, SLAVE.public, GRANT, sequence=forged)
 
     def answer_to(_, fields):
         return peer.send(FORCE, [fields[0], struct.pack(">f", 1.25)], sequence=1 + fields[0] // 1000)
@@ -300,6 +324,22 @@ def test_nothing_but_a_new_position_of_the_master_moves_a_sealed_session():
     master.send(master.pack(Kind.POSITION, 6, (6000, None, bytes(4))), 6000, address="there")
     assert context.address == "there"
     assert master.position(7, 100_000) != [], "and back again"
+
+
+def test_who_forwards_a_position_first_gets_the_answers_until_the_next_one_and_can_open_none():
+    slave = make_slave(sealed=True)
+    master = HandMaster(slave, "here", sealed=True).work()
+    data = master.pack(Kind.POSITION, 2, (50_000, None, bytes(4)))
+    slave.receive_datagram(data, "there", 50_000)
+    ((answer, to),) = slave.datagrams_to_send()
+    assert to == "there"
+    assert len(answer) <= len(data)
+    with pytest.raises(ValueError, match=r"unpack|extra|data"):
+        msgpack.unpackb(unpack(answer).body)
+    assert master._read(answer).kind is Kind.KEEPALIVE
+    assert master.send(data, 50_000) == [], "it is a copy by now"
+    master.position(3, 51_000)
+    assert slave.contexts[0].address == "here"
 
 
 def test_a_close_from_a_new_address_is_answered_there():

@@ -98,6 +98,13 @@ def test_only_the_answer_to_our_own_hello_counts(sealed):
     assert session.state is MasterState.CONNECTING
 
 
+@pytest.mark.parametrize("fields", [{"announced": True}, {"position_share": 0.25}, {"position_share": 1e-300}])
+def test_a_grant_of_what_was_not_asked_for_changes_nothing(fields, sealed):
+    session = new_session(sealed)
+    HandSlave(session, sealed=sealed).connect(grant=GRANT._replace(**fields))
+    assert (events_of(session), session.streaming, session.received.malformed) == ([], False, 1)
+
+
 def test_a_second_answer_changes_nothing(sealed):
     session, slave = connected(sealed)
     slave.say(Kind.CLOSE, 1, Close("shutting down"), 0)

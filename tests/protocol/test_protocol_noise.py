@@ -164,6 +164,8 @@ def test_a_message_with_any_bit_changed_is_refused_and_the_true_one_still_opens(
         with pytest.raises(PeerError):
             responder.read(changed)
     assert responder.read(first) == (public_key(MASTER), b"request")
+    with pytest.raises(PeerError):
+        responder.read(bytes(range(MESSAGE_1_BYTES)))  # and it forgets nothing of the true one
     message, keys = responder.write(b"grant", PSK)
     for changed in flips(message):
         with pytest.raises(PeerError):
@@ -200,6 +202,17 @@ def test_an_end_that_does_not_share_everything_is_refused(different):
     responder.read(first)
     with pytest.raises(PeerError, match="does not open"):
         initiator.read(responder.write(b"", NO_PSK)[0])
+
+
+def test_an_impostor_without_the_slaves_private_key_cannot_answer():
+    """Not even a thief of the master's key, who can let the master ask the impostor."""
+    initiator, _ = ends()
+    impostor = Responder(bytes(range(50, 82)), PROLOGUE, entropy(9))
+    impostor.read(Initiator(MASTER, public_key(bytes(range(50, 82))), PSK, PROLOGUE, entropy(8)).write(b""))
+    initiator.write(b"")
+    message, _ = impostor.write(b"", PSK)
+    with pytest.raises(PeerError, match="does not open"):
+        initiator.read(message)
 
 
 def test_an_answer_to_an_earlier_message_is_refused():

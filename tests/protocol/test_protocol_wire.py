@@ -24,7 +24,7 @@ from hapticnet.protocol.wire import (
     unpack,
     unpack_nonce,
 )
-from tests.peers import GRANT
+from tests.peers import GRANT, REQUEST
 from tests.vectors import make_protocol
 
 VECTORS = json.loads((Path(__file__).parents[1] / "vectors" / "protocol.json").read_text())
@@ -214,6 +214,22 @@ def test_what_a_sealed_welcome_carries_is_a_grant_or_a_refusal():
     for broken in ((0, "bell\a", 7), (0, "no", -1), (0,), (-1, "no", 7)):
         with pytest.raises(PeerError):
             messages.unpack_grant_or_refusal(pack_body(broken))
+
+
+@pytest.mark.parametrize("text", ["a" * 257, "bell\a", "\x1b[31mred", "\u202eright to left"])
+def test_text_that_is_too_long_or_would_speak_to_a_terminal_is_refused(text):
+    other = messages.Code.OTHER
+    for read, message in (
+        *((messages.unpack_request, REQUEST._replace(**{field: text})) for field in ("name", "codec")),
+        (messages.unpack_request, REQUEST._replace(parameters={text: 1.0})),
+        (messages.unpack_grant, GRANT._replace(scene=text)),
+        (messages.unpack_grant_or_refusal, messages.Refusal(0, text, other)),
+        (messages.unpack_refuse, messages.Refuse(1, text, other)),
+        (messages.unpack_close, messages.Close(text, other)),
+        (messages.unpack_notice, messages.Notice(text, other)),
+    ):
+        with pytest.raises(PeerError, match="not what the protocol allows"):
+            read(pack_body(message))
 
 
 @pytest.mark.parametrize("version", [OPEN, SEALED])
