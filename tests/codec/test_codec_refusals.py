@@ -3,10 +3,12 @@
 import math
 
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from hapticnet.codec.base import Predictive
 from hapticnet.codec.registry import every_codec, make_codec
-from hapticnet.errors import SampleError, SettingsError
+from hapticnet.errors import PeerError, SampleError, SettingsError
 from hapticnet.perception import WeberLaw
 
 CODECS = every_codec()
@@ -64,6 +66,19 @@ def test_a_position_that_is_not_finite_or_has_other_axes_is_refused(made, axes):
             with pytest.raises(SampleError, match="position"):
                 refusing(made, encoder, decoder)(t_us, force_n, bad_m)
         assert decoder.reconstruct(t_us, position_m) == applied
+
+
+@pytest.mark.parametrize("name", sorted(CODECS))
+@given(payload=st.binary(max_size=30), axes=st.integers(1, 3))
+def test_a_corrupt_payload_is_refused_or_finite_and_never_half_applied(name, payload, axes):
+    decoder = make_codec(name, WeberLaw()).decoder(axes)
+    before = decoder.reconstruct(0)
+    try:
+        decoder.decode(0, payload)
+    except PeerError:
+        assert decoder.reconstruct(0) == before
+    else:
+        assert all(abs(component) <= 1e15 for component in decoder.reconstruct(0))
 
 
 @pytest.mark.parametrize(

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from hapticnet.protocol.master_stream import Freshness
 from hapticnet.protocol.messages import Force, Keepalive
-from hapticnet.protocol.states import ForceArrived, HoldConfirmed, LinkStale, MasterState
+from hapticnet.protocol.states import ForceArrived, HoldConfirmed, LinkRecovered, LinkStale, MasterState
 from hapticnet.protocol.stats import (
     BEHIND_IN_A_ROW,
     LEAP,
@@ -242,6 +242,19 @@ def test_old_answers_are_no_sign_of_life_and_the_stale_link_names_their_age(seal
     assert found == [(201_000, LinkStale(None)), (1_600_000, LinkStale(1_500_000))]
     assert session.state is MasterState.STALE
     assert session.received.too_old == 1400
+
+
+def test_a_link_that_is_too_slow_is_stale_with_the_age_of_its_least_old_answer(sealed):
+    start = 10_000_000
+    session, slave = connected(sealed, now_us=start)
+    for step, age_us in enumerate((1_900_000, 1_300_000, 1_700_000), start=1):
+        slave.say(Kind.KEEPALIVE, step, Keepalive(start + 100_000 - age_us, None), start + 100_000)
+    session.tick(start + 200_001)
+    assert events_of(session) == [LinkStale(1_300_000)]
+    slave.say(Kind.KEEPALIVE, 4, Keepalive(start, None), start + 310_000)
+    assert events_of(session)[0] == LinkRecovered()
+    session.tick(start + 600_000)
+    assert events_of(session) == [LinkStale(None)], "nothing arrived since"
 
 
 def test_a_late_datagram_is_no_sign_of_life_though_its_force_is_news(sealed):
