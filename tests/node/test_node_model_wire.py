@@ -163,6 +163,31 @@ def test_a_model_of_three_layers_is_played_a_round_trip_of_fifty_positions_at_on
     assert one.on_model
 
 
+def test_what_was_applied_goes_on_until_a_model_has_caught_up_and_only_the_newest_waits_for_it():
+    one = passed()
+    one.decode(0, OF_CODEC + struct.pack(">f", 2.0))
+    for force_n in (1.0, 2.0, 3.0):
+        one.decode(0, pack_model([*FULL[1:], LayerAhead(-0.02, 100.0, force_n)], 1))
+    assert (one.taken, one.settled) == (3, 0)
+    assert one.reconstruct(0) == (2.0,)
+    settled = []
+    for index in range(1000, 1100):
+        one.move(1000 * index, (0.0,))
+        settled.append(one.settled)
+    assert sorted(set(settled)) == [0, 1, 3]
+
+
+def test_a_payload_of_the_codec_replaces_the_models_that_have_not_caught_up():
+    one = passed()
+    for _ in range(2):
+        one.decode(0, pack_model(FULL, 1))
+    one.decode(0, OF_CODEC + struct.pack(">f", 2.0))
+    assert one.settled == one.taken == 2
+    for index in range(1000, 1050):
+        one.move(1000 * index, (0.0,))
+        assert one.reconstruct(0) == (2.0,)
+
+
 def test_the_largest_model_fits_a_datagram():
     full = LayerAhead(0.0, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0, (1.0, 0.0, 0.0), True, 1.0, 1.0)
     assert len(pack_model([full] * MOST_LAYERS, 3)) == 2 + 8 * 53 <= 1024

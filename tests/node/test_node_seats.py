@@ -181,9 +181,9 @@ HALF_OPEN_US, KEEP_US = 600, 900
 class Session:
     """What the table asks of a session, and of its context."""
 
-    def __init__(self, number, now_us):
+    def __init__(self, number, now_us, identity=None):
         self.session, self.number, self.heard_us = self, number, now_us
-        self.identity, self.scene, self.seated = number % 5, object(), False
+        self.identity, self.scene, self.seated = identity or number % 5, object(), False
         self.request = SimpleNamespace(name="x")
 
     def silent_us(self, now_us):
@@ -223,6 +223,19 @@ def test_sessions_expire_as_a_look_at_all_of_them_says(seed):
         for session in due:
             table.remove(session)
     assert expired > 100
+
+
+def test_the_oldest_half_open_session_of_the_largest_crowd_makes_room():
+    table, waiting = SessionTable(SessionSettings()), []
+    crowds = ["lone", *("crowd" for _ in range(MOST_HALF_OPEN_EACH)), *(f"pair {n // 2}" for n in range(200))]
+    for number, identity in enumerate(crowds[:MOST_HALF_OPEN]):
+        assert table.surplus_half_open("newcomer") is None
+        waiting.append(Session(number, number, identity))
+        table.add(waiting[-1])
+        assert (table.surplus_half_open("crowd") is None) is (number < MOST_HALF_OPEN_EACH)
+    assert table.surplus_half_open("newcomer") is table.surplus_half_open("crowd") is waiting[1]
+    table.seat(waiting[1])
+    assert table.surplus_half_open("crowd") is None, "it is open, and one place is free"
 
 
 HERE, THERE = ("192.0.2.1", 5000), ("192.0.2.66", 6000)

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from hapticnet.device.user import UserActuator
 from hapticnet.node.master import MasterNode
 from hapticnet.node.settings import MasterSettings, SlaveSettings
 from hapticnet.node.slave import SlaveNode
@@ -158,10 +159,21 @@ def test_scenes_that_keep_up_alone_and_not_together_are_named():
     assert times.explains_delay
 
 
-def test_a_slow_operator_is_timed():
+class Motor:
+    def __init__(self, clock, takes_us):
+        self.clock, self.takes_us = clock, takes_us
+
+    def apply(self, _force_n, _now_us):
+        self.clock.now_us += self.takes_us
+
+
+@pytest.mark.parametrize("slow", ["operator own.py:Hand", "device own.py:Motor"])
+def test_the_master_names_its_own_slow_code(slow):
     clock, rng = Clock(), np.random.default_rng(1)
     slave = SlaveNode(lambda _: Spring(Clock(), 0), SlaveSettings(), rng)
-    master = MasterNode(Hand(clock, 3 * MS), None, MasterSettings(), rng, clock)
+    hand, motor = (3 * MS, 10) if "Hand" in slow else (10, 3 * MS)
+    device = UserActuator(Motor(clock, motor), "device own.py:Motor")
+    master = MasterNode(Hand(clock, hand), device, MasterSettings(), rng, clock)
     for _ in range(2000):
         master.tick(clock.now_us)
         for data in master.datagrams_to_send():
@@ -171,9 +183,9 @@ def test_a_slow_operator_is_timed():
         master.drive(clock.now_us)
         master.check(clock.now_us)
         clock.now_us += MS
-    (told,) = events(master, StepsTooSlow)
-    assert (told.what, told.mean_us) == ("operator own.py:Hand", 3 * MS)
-    assert master.report()["step_times"][told.what]["too_slow"]
+    assert [(told.what, told.mean_us) for told in events(master, StepsTooSlow)] == [(slow, 3 * MS)]
+    assert slave.times.report() == {}
+    assert master.report()["step_times"][slow]["too_slow"]
 
 
 def test_a_notice_does_not_stand_for_an_answer():
