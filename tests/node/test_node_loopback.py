@@ -190,8 +190,8 @@ def test_a_held_force_never_outlives_its_age_limit_when_either_channel_dies(loop
 
 
 def test_sequence_numbers_and_time_stamps_wrap_without_a_trace(loopback):
-    session = SessionSettings(first_sequence=(1 << 32) - 1500)
-    settings = MasterSettings(record=True, session=session)
+    settings = MasterSettings(record=True, session=SessionSettings(first_sequence=(1 << 32) - 1500))
+    session = SessionSettings(first_sequence=(1 << 32) - 50)  # a slave sends less
     wrapping = loopback(7, start_us=(1 << 32) - 2 * SECOND, session=session, settings=settings)
     plain = loopback(7, start_us=0, settings=MasterSettings(record=True))
     (master, slave), (plain_master, plain_slave) = run(wrapping), run(plain)

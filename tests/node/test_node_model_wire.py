@@ -163,6 +163,18 @@ def test_a_model_of_three_layers_is_played_a_round_trip_of_fifty_positions_at_on
     assert one.on_model
 
 
+@pytest.mark.plain
+def test_a_flood_of_new_models_begins_few_of_them_between_two_positions(monkeypatch):
+    begun, made, one = [], decoders.ContactModel, passed()
+    monkeypatch.setattr(decoders, "ContactModel", lambda *call: begun.append(1) or made(*call))
+    for index in range(1000, 1010):
+        begun.clear()
+        one.move(1000 * index, (0.0,))
+        for _ in range(100):
+            one.decode(1000 * index, pack_model(FULL, 1))
+        assert 0 < len(begun) <= 1 + MOST_PLAYED // (decoders.COST_OF_BEGINNING * (1 + MOST_LAYERS))
+
+
 def test_what_was_applied_goes_on_until_a_model_has_caught_up_and_only_the_newest_waits_for_it():
     one = passed()
     one.decode(0, OF_CODEC + struct.pack(">f", 2.0))
@@ -186,6 +198,11 @@ def test_a_payload_of_the_codec_replaces_the_models_that_have_not_caught_up():
     for index in range(1000, 1050):
         one.move(1000 * index, (0.0,))
         assert one.reconstruct(0) == (2.0,)
+    one.decode(0, pack_model(FULL, 1))
+    for index in range(1050, 1150):
+        assert one.settled == (3 if one.on_model else 2), "none of the replaced ones comes back"
+        one.move(1000 * index, (0.0,))
+    assert one.on_model
 
 
 def test_the_largest_model_fits_a_datagram():

@@ -181,17 +181,17 @@ HALF_OPEN_US, KEEP_US = 600, 900
 class Session:
     """What the table asks of a session, and of its context."""
 
-    def __init__(self, number, now_us, identity=None):
+    def __init__(self, number, now_us, identity=None, lasts_us=(HALF_OPEN_US, KEEP_US)):
         self.session, self.number, self.heard_us = self, number, now_us
         self.identity, self.scene, self.seated = identity or number % 5, object(), False
-        self.request = SimpleNamespace(name="x")
+        self.request, self.lasts_us = SimpleNamespace(name="x"), lasts_us
 
     def silent_us(self, now_us):
         self.heard_us = min(self.heard_us, now_us)
         return now_us - self.heard_us
 
     def expires_us(self):
-        return self.heard_us + (KEEP_US if self.seated else HALF_OPEN_US)
+        return self.heard_us + self.lasts_us[self.seated]
 
 
 @pytest.mark.plain
@@ -199,6 +199,7 @@ class Session:
 def test_sessions_expire_as_a_look_at_all_of_them_says(seed):
     rng = np.random.default_rng(seed)
     table, now_us, expired = SessionTable(SessionSettings()), 1000, 0
+    lasts_us = (HALF_OPEN_US, KEEP_US) if seed % 2 else (KEEP_US, HALF_OPEN_US)
     for number in range(3000):
         now_us += int(-rng.integers(1000) if rng.random() < 0.01 else rng.integers(40))
         table.see(now_us)
@@ -212,7 +213,7 @@ def test_sessions_expire_as_a_look_at_all_of_them_says(seed):
             elif rng.random() < 0.002:
                 table.remove(session)
         if rng.random() < 0.2:
-            table.add(Session(number, now_us))
+            table.add(Session(number, now_us, lasts_us=lasts_us))
         sessions = list(table.by_number.values())
         due = [each for each in sessions if each.expires_us() <= now_us]
         next_us = table.next_expiry_us()
