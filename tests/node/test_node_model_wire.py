@@ -178,15 +178,19 @@ def test_a_flood_of_new_models_begins_few_of_them_between_two_positions(monkeypa
 def test_what_was_applied_goes_on_until_a_model_has_caught_up_and_only_the_newest_waits_for_it():
     one = passed()
     one.decode(0, OF_CODEC + struct.pack(">f", 2.0))
+    newest = passed()
     for force_n in (1.0, 2.0, 3.0):
         one.decode(0, pack_model([*FULL[1:], LayerAhead(-0.02, 100.0, force_n)], 1))
+    newest.decode(0, pack_model([*FULL[1:], LayerAhead(-0.02, 100.0, 3.0)], 1))
     assert (one.taken, one.settled) == (3, 0)
     assert one.reconstruct(0) == (2.0,)
     settled = []
     for index in range(1000, 1100):
         one.move(1000 * index, (0.0,))
+        newest.move(1000 * index, (0.0,))
         settled.append(one.settled)
     assert sorted(set(settled)) == [0, 1, 3]
+    assert (one.state, one.reconstruct(0)) == (newest.state, newest.reconstruct(0))
 
 
 def test_a_payload_of_the_codec_replaces_the_models_that_have_not_caught_up():
