@@ -226,6 +226,7 @@ def test_sessions_expire_as_a_look_at_all_of_them_says(seed):
     assert expired > 100
 
 
+@pytest.mark.plain
 def test_the_oldest_half_open_session_of_the_largest_crowd_makes_room():
     table, waiting = SessionTable(SessionSettings()), []
     crowds = ["lone", *("crowd" for _ in range(MOST_HALF_OPEN_EACH)), *(f"pair {n // 2}" for n in range(200))]
