@@ -181,6 +181,14 @@ def test_when_the_slave_closes_the_master_asks_at_once_to_go_on_with_its_scene(s
     assert events_of(session) == [Connected(GRANT._replace(session=SESSION + 1))]
 
 
+def test_a_close_from_before_the_newest_datagram_ends_no_session_of_a_master(sealed):
+    session, slave = connected(sealed)
+    slave.say(Kind.KEEPALIVE, 9, Keepalive(0, None), 10)
+    events_of(session)
+    slave.say(Kind.CLOSE, 8, Close("of the past"), 20)
+    assert (events_of(session), session.state) == ([], MasterState.ESTABLISHED)
+
+
 def test_in_a_new_session_no_force_of_the_old_one_is_acknowledged_or_applied(sealed):
     session, slave = connected(sealed)
     slave.say(Kind.FORCE, 7, Force(0, b"old"), 100)
