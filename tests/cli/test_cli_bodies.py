@@ -70,13 +70,3 @@ def test_what_does_not_fit_together_is_told_in_one_line(run, hand, arguments, me
     done = run("compare", hand, *arguments)
     assert done.returncode != 0
     assert message in done.stderr.splitlines()[-1]
-
-
-def test_an_operator_palpates_on_as_many_axes_as_asked():
-    from hapticnet.cli.operators import make_operator
-    from hapticnet.errors import SettingsError
-
-    for spec, axes in (("palpation", 3), ("palpation:axes=2", 2)):
-        assert make_operator(spec, insertions=1, seed=1, say=print, warn=print).operator.axes == axes
-    with pytest.raises(SettingsError, match="expected palpation"):
-        make_operator("palpation:axes=4", insertions=1, seed=1, say=print, warn=print)

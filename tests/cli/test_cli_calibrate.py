@@ -95,16 +95,9 @@ def test_either_a_device_or_a_file_is_wanted(pairs, both):
         calibrate("serial:auto" if both else None, pairs=pairs if both else None)
 
 
-@pytest.mark.parametrize(
-    ("text", "message"),
-    [
-        ("force_n,counts\n1,500\n", 'no column "adc"'),
-        ("force_n,adc\n1,500\n2,400\n", "pairs.csv: the force does not increase with the counts"),
-    ],
-)
-def test_a_file_that_makes_no_calibration_is_named_and_nothing_written(pairs, tmp_path, text, message):
-    pairs.write_text(text)
-    with pytest.raises(FileError, match=message):
+def test_a_file_that_makes_no_calibration_is_named_and_nothing_written(pairs, tmp_path):
+    pairs.write_text("force_n,adc\n1,500\n2,400\n")
+    with pytest.raises(FileError, match=r"pairs.csv: the force does not increase with the counts"):
         calibrate(pairs=pairs)
     assert not (tmp_path / "device.toml").exists()
 

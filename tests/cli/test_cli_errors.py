@@ -38,18 +38,20 @@ def assert_one_line(done, *words, code=None):
         assert word in lines[0], lines[0]
 
 
+def assert_only_line(done, *words, code=None):
+    """Check the same, and that there is nothing else on stderr."""
+    assert_one_line(done, *words, code=code)
+    assert done.stderr.count("\n") == 1, done.stderr
+
+
 @pytest.fixture
 def files(tmp_path):
     made = {
-        "broken.toml": "name = 'x'\n[[tissue]]\nstiffness = = 3\n",
         "unknown.toml": TISSUE + "colour = 'red'\n",
-        "cells.csv": "t_s,force_N\n0.0,1.0\n0.001,abc\n",
         "big.csv": "t_s,force_N\n0.0,1.0\n0.001,1e300\n",
         "two.csv": "t_s,fx,fy\n0,1,2\n",
         "good.csv": "t_s,f,x\n0,1,0\n0.001,2,0.1\n",
-        "gap.csv": "t_s;force_N\n0;1,5\n0,001;\n",
         "picture.csv": b"\x89PNG\r\n\x1a\n\0\0",
-        "minutes.csv": "time [min],force_N\n0,1\n0.001,2\n",
     }
     for name, text in made.items():
         (tmp_path / name).write_bytes(text if isinstance(text, bytes) else text.encode())
@@ -62,10 +64,8 @@ def files(tmp_path):
     ("file", "words"),
     [
         ("missing.csv", ("missing.csv", "No such file")),
-        ("cells.csv", ("cells.csv, line 3", "force_N", "abc")),
         ("big.csv", ("sample 1", "1e+300", "within")),
         ("two.csv", ("which column?", "t_s, fx, fy")),
-        ("gap.csv", ("line 3", "no number", "--missing drop")),
         ("picture.csv", ("a binary file of an unknown kind", ".parquet can be read")),
         ("/dev/zero", ("is a character device",)),
         ("objects.npy", ("damaged",)),
@@ -79,43 +79,19 @@ def test_recordings_that_cannot_be_encoded_are_refused_in_one_line(files, file, 
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        (("encode", "{files}/two.csv", "--weber", "nan"), ("Weber fraction is nan",)),
-        (("encode", "{files}/two.csv", "--sampling-rate", "0"), ("rate is 0.0",)),
-        (("encode", "{files}/two.csv", "--force-column", "fx,fy,fx,fy"), ("4 force columns",)),
         (("encode", "{files}/two.csv", "--colour", "red"), ("--colour",)),
         (("encode", "{files}/two.csv", "--force-column", "fx", "--csv", "/proc/nowhere/out.csv"), ("/proc/nowhere",)),
         (("slave", "--scene", "missing.toml"), ("missing.toml", "No such file")),
-        (("slave", "--scene", "{files}/broken.toml"), ("broken.toml", "line 3, column")),
         (("slave", "--scene", "{files}/unknown.toml"), ("unknown.toml", "colour")),
-        (("slave", "--listen", "here"), ("'here' must be HOST:PORT",)),
-        (("slave", "--listen", "127.0.0.1:99999"), ("99999", "0 to 65535")),
-        (("slave", "--channel-out", "carrier-pigeon"), ("carrier-pigeon", "wifi")),
         (("master", "--operator", "trace:missing.csv"), ("missing.csv",)),
-        (("master", "--rate", "nan"), ("rate is nan Hz",)),
         (("scene", "show", "{files}/zero.toml"), ("is a character device",)),
         (("master", "--profile", "{files}/zero.toml"), ("is a character device",)),
         (("master", "--operator", "trace:{files}/good.csv"), ("which column?",)),
-        (("master", "--operator", "trace:{files}/good.csv:y"), ('no column "y"',)),
         (("fly",), ("fly",)),
-        (("demo", "--device", "glove", "--out-dir", "{files}/demo"), ("unknown device 'glove'",)),
-        (
-            (
-                "compare",
-                "{files}/big.csv",
-            ),
-            ("big, sample 1", "1e+300"),
-        ),
+        (("compare", "{files}/big.csv"), ("big, sample 1", "1e+300")),
         (("compare", "{files}/two.csv", "--force-column", "fx"), ("1 samples over no time",)),
-        (
-            ("compare", "{files}/good.csv", "--force-column", "f", "--position-column", "x", "--position-scale", "nan"),
-            ("--position-scale is nan",),
-        ),
         (("compare", "{files}/good.csv", "--force-column", "f", "--max-size", "1"), ("the limit is 1",)),
-        (("compare", "{files}/good.csv", "--force-column", "f", "--max-size", "much"), ("much", "500MB")),
         (("compare", "--force-column", "f_n"), ("none is named",)),
-        (("compare", "--floor", "1e-165"), ("JND floor is 1e-165", "1e-12")),
-        (("compare", "--multipliers", "1,x"), ("'1,x'", "JNDs")),
-        (("compare", "--grid", "multiplier"), ("'multiplier'", "KEY=FROM:TO:COUNT")),
         (("compare", "--grid", "gain=1,2"), ("'gain'", "multiplier", "window_ms")),
         (("compare", "--grid", "multiplier=1,2", "--multipliers", "4"), ("--grid multiplier and --multipliers",)),
         (("compare", "--plot-dir", "{files}/plots", "--signal", "mp3"), ("'mp3'", "deadband")),
@@ -123,17 +99,6 @@ def test_recordings_that_cannot_be_encoded_are_refused_in_one_line(files, file, 
         (
             ("compare", "--plot-dir", "{files}/plots", "--window", "100:105"),
             ("from 100 to 105 s", "paper's scene 1 ends at 10.7"),
-        ),
-        (
-            ("compare", "{files}/good.csv", "--force-column", "t_s"),
-            ('"t_s" is taken as time and as force', "--time-column"),
-        ),
-        (
-            (
-                "compare",
-                "{files}/minutes.csv",
-            ),
-            ('"min" is not a known unit of time', "known are s, sec"),
         ),
         (
             ("compare", "{files}/good.csv", "--force-column", "f", "--csv", "{files}/good.csv"),
@@ -212,18 +177,6 @@ def test_no_result_is_written_over_the_recording_or_over_another_result(tmp_path
     before = file.read_bytes()
     assert_one_line(hapticnet("encode", file, *(each.format(file=file) for each in others)), "choose another file")
     assert file.read_bytes() == before
-
-
-def test_a_full_disk_leaves_the_old_result(tmp_path):
-    file = tmp_path / "report.json"
-    file.write_text("kept")
-    limited = f"ulimit -f 0; exec {sys.executable} -B -m hapticnet scene show --report {file}"
-    done = subprocess.run(
-        ["bash", "-c", limited], capture_output=True, text=True, env=os.environ | {"PYTHONPATH": str(ROOT)}
-    )
-    assert done.returncode == WRONG_FILE
-    assert "cannot be written" in done.stderr
-    assert file.read_text() == "kept"
 
 
 @pytest.mark.parametrize(

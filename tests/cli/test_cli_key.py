@@ -42,12 +42,6 @@ def test_the_snippet_appended_to_the_list_admits_the_master(home):
     assert roster.find(load_key(home / "two.toml").public) is not None
 
 
-def test_a_key_is_never_overwritten(home):
-    first = hapticnet("key", "new")
-    assert_one_line(hapticnet("key", "new"), str(home / "key.toml"), "never overwritten")
-    assert hapticnet("key", "public").stdout == first.stdout
-
-
 def test_the_key_named_by_the_environment_is_used(tmp_path, monkeypatch):
     monkeypatch.setenv("HAPTICNET_KEY", str(tmp_path / "other.toml"))
     made = hapticnet("key", "new")

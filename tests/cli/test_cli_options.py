@@ -1,7 +1,6 @@
 """Options over all verbs: each is in a group of the help, and one name is one thing."""
 
 import re
-from pathlib import Path
 
 import pytest
 import typer
@@ -9,8 +8,8 @@ import typer
 from hapticnet.cli import app
 from hapticnet.cli.settings import leaves, option_key
 from hapticnet.cli.verbs import GROUPS
+from tests.ready import ROOT
 
-ROOT = Path(__file__).parents[2]
 VERBS = dict(leaves(typer.main.get_command(app)))
 OPTIONS = [
     (verb, each) for verb, command in VERBS.items() for each in command.params if each.param_type_name == "option"

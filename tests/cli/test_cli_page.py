@@ -12,6 +12,7 @@ from hapticnet.cli.demo import open_browser
 from hapticnet.cli.pages import PAGE, address_in, address_of, choose_operator, say_addresses
 from hapticnet.errors import SettingsError, UnavailableError
 from hapticnet.web.access import Access
+from tests.cli.test_cli_errors import assert_only_line
 from tests.ready import hapticnet
 
 
@@ -99,10 +100,7 @@ def test_without_aiohttp_the_extra_is_named(monkeypatch: pytest.MonkeyPatch):
 
 
 def test_the_demo_on_the_page_writes_no_results():
-    done = hapticnet("demo", "--page", "--json")
-    assert done.returncode == 2
-    assert "omit --out-dir and --json" in done.stderr
-    assert done.stderr.count("\n") == 1
+    assert_only_line(hapticnet("demo", "--page", "--json"), "omit --out-dir and --json", code=2)
 
 
 @pytest.mark.parametrize(
@@ -115,6 +113,4 @@ def test_the_demo_on_the_page_writes_no_results():
 )
 def test_a_page_of_the_experiment_that_makes_no_sense_is_told_in_one_line(run, tmp_path, arguments, complaint):
     done = run("experiment", *arguments, "--participant", "01", "--out-dir", tmp_path)
-    assert done.returncode == 2
-    assert complaint in done.stderr
-    assert done.stderr.count("\n") == 1
+    assert_only_line(done, complaint, code=2)

@@ -181,10 +181,6 @@ def test_info_shows_a_person_a_line_for_each_event_and_what_was_in_force_when(ru
     assert "complete        yes" in shown
 
 
-def test_trace_reads_a_recording(run, recording):
-    assert run("scene", "run", "paper", "--trace", recording).stdout.count("\n") == TICKS + 1
-
-
 def test_replay_refuses_what_does_not_fit(run, tmp_path):
     write_session(tmp_path / "run.csv", ticks=10, axes=3)
     done = run("replay", tmp_path / "run.csv", "--force-column", "held_x_n")

@@ -1,5 +1,7 @@
 """What a slave says of HELLOs that it drops without an answer: somebody may be writing a peer."""
 
+from types import SimpleNamespace
+
 import msgpack
 import numpy as np
 
@@ -11,21 +13,11 @@ from hapticnet.scene.scene import Scene
 from hapticnet.scene.sources import paper_scene
 
 
-class Console:
-    def __init__(self):
-        self.warned = []
-
-    def warn(self, text, **_):
-        self.warned.append(text)
-
-    def status(self, text):
-        pass
-
-
 def make():
     node = SlaveNode(lambda _: Scene(paper_scene(1).tissues), SlaveSettings(), np.random.default_rng(1))
-    console = Console()
-    return node, console, SlaveMessages(console, node, None)
+    warned = []
+    console = SimpleNamespace(warn=lambda text, **_: warned.append(text), status=lambda _: None)
+    return node, warned, SlaveMessages(console, node, None)
 
 
 def hello(*fields, padding=400):
@@ -33,19 +25,19 @@ def hello(*fields, padding=400):
 
 
 def test_a_hello_that_is_too_short_is_told_once():
-    node, console, messages = make()
+    node, warned, messages = make()
     for _ in range(3):
         node.receive_datagram(hello(1, b"", b"", b"", padding=80), ("10.0.0.7", 5000), 0)
         messages.check(0)
-    (line,) = console.warned
+    (line,) = warned
     assert line == "a HELLO from 10.0.0.7:5000 was dropped: HELLO of 97 bytes; pad it to at least 400"
 
 
 def test_strangers_cannot_fill_the_log():
-    node, console, messages = make()
+    node, warned, messages = make()
     for number in range(100):
         node.receive_datagram(hello(f"\n{number}" + 300 * "x"), ("10.0.0.7", 5000), 0)
         node.receive_datagram(hello(1, b"", b"", b"", padding=number), ("10.0.0.7", 5000), 0)
         messages.check(0)
-    assert len(console.warned) == MOST_UNREAD
-    assert all(line.isprintable() and len(line) < 300 for line in console.warned)
+    assert len(warned) == MOST_UNREAD
+    assert all(line.isprintable() and len(line) < 300 for line in warned)

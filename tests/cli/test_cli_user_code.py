@@ -73,6 +73,7 @@ def test_a_class_of_the_user_is_an_operator():
     assert isinstance(hand.operator, UserOperator)
     assert hand.operator.sample(0).position_m == (0.03, 0.0, -0.03)
     assert (str(hand.file), hand.report(), len(hand.watchers)) == ("rig.py", None, 1)
+    assert [make(spec).operator.axes for spec in ("palpation", "palpation:axes=2")] == [3, 2]
 
 
 def test_a_udp_operator_listens_on_loopback_unless_a_host_is_named():
@@ -94,6 +95,7 @@ def test_a_udp_operator_listens_on_loopback_unless_a_host_is_named():
     ("spec", "message"),
     [
         ("nobody", r"unknown operator 'nobody'; there are: scripted, palpation\[:axes=2\], page, trace:FILE"),
+        ("palpation:axes=4", "expected palpation"),
         ("udp:fast", "port 'fast' of address"),
         ("udp:1234:axes=4", r"expected udp:\[HOST:\]PORT, or udp:\[HOST:\]PORT:axes=1, 2 or 3"),
         ("rig.py:Motor", r"operator rig.py:Motor: has no method sample\(t_us\)"),

@@ -118,17 +118,6 @@ def test_codecs_lists_every_codec_with_its_parameters():
     assert all(name in hapticnet("codecs").stdout for name in CODECS)
 
 
-def test_a_rate_applies_to_recordings_without_times_only(trace, tmp_path):
-    timeless = tmp_path / "timeless.csv"
-    timeless.write_text("fx\n" + "".join(f"{value}\n" for value in read_csv(trace)["fx"]))
-    chosen = ("--force-column", "fx", "--codecs", "deadband", "--multipliers", "1")
-    done = hapticnet("compare", trace, timeless, *chosen, "--json", "--sampling-rate", "500")
-    first, second = json.loads(done.stdout)["rows"]
-    assert first["sent"] == second["sent"]
-    assert first["packets_per_s"] == pytest.approx(2 * second["packets_per_s"], rel=0.01)
-    assert f'{trace}: column "t_s" has the times; --sampling-rate 500 is not used' in done.stderr
-
-
 @pytest.mark.parametrize("verb", ["encode", "compare"])
 def test_what_a_recording_lacks_is_told_by_encode_and_compare_alike(tmp_path, verb):
     t_ms = np.arange(1000.0)

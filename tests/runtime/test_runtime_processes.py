@@ -2,8 +2,6 @@
 
 import os
 import signal
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
@@ -73,19 +71,3 @@ def test_nothing_waits_for_a_process_that_has_ended(start):
     process.pump()
     assert process.waiting_bytes == 0
     assert process.said() == []
-
-
-def test_it_ends_when_the_node_is_killed(tmp_path):
-    (tmp_path / "program.py").write_text("import sys\nsys.stdin.read()\nopen('ended', 'w').close()\n")
-    parent = (
-        "import sys\nfrom hapticnet.runtime.processes import SideProcess\n"
-        "process = SideProcess('program')\nprint('here', flush=True)\nsys.stdin.read()\n"
-    )
-    environment = os.environ | {"PYTHONPATH": os.pathsep.join([str(tmp_path), str(Path(__file__).parents[2])])}
-    with subprocess.Popen(
-        [sys.executable, "-c", parent], stdin=subprocess.PIPE, stdout=subprocess.PIPE, env=environment, cwd=tmp_path
-    ) as node:
-        assert node.stdout is not None
-        assert node.stdout.readline() == b"here\n"
-        node.kill()
-    wait_until((tmp_path / "ended").exists)

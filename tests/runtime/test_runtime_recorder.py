@@ -119,14 +119,6 @@ def test_a_writer_that_is_killed_is_told_in_one_line_and_its_file_can_be_recover
     assert len(times(path)) == 100
 
 
-def test_a_pipe_that_ends_without_a_word_completes_the_files(tmp_path, recorder):
-    """This is what the writer sees when the node is killed."""
-    number = open_file(recorder, tmp_path / "a.mcap")
-    add(recorder, number, 100)
-    recorder.finish()
-    assert len(times(tmp_path / "a.mcap")) == 100
-
-
 def test_memory_is_bounded_when_the_disk_is_slow_and_nothing_waits(tmp_path, recorder, said, monkeypatch):
     monkeypatch.setattr(recorder_module, "MOST_WAITING_BYTES", 3 * 2**20)
     number = open_file(recorder, tmp_path / "a.mcap")
@@ -158,30 +150,6 @@ def test_a_run_does_not_wait_for_ever_for_a_disk_that_does_not_answer(tmp_path, 
     assert said == [f"recording stops: the disk is slow; process {recorder.process.pid} goes on writing"]
     os.kill(recorder.process.pid, signal.SIGCONT)
     wait_until((tmp_path / "a.csv").exists)
-
-
-def test_a_folder_that_is_gone_ends_the_recording_only(tmp_path, recorder, said):
-    number = open_file(recorder, tmp_path / "gone" / "a.csv")
-    add(recorder, number, 10)
-    pump_until(recorder, lambda: recorder.stopped is not None)
-    add(recorder, number, 10)
-    recorder.finish()
-    assert said == [f"recording stops: {tmp_path}/gone/a.csv{UNFINISHED}: No such file or directory"]
-    with pytest.raises(FileError, match=r"incomplete: .*gone"):
-        recorder.check()
-
-
-def test_reaching_the_limit_is_no_error(tmp_path, said):
-    recorder = Recorder(said.append, limit_bytes=20_000)
-    recorder.start()
-    number = open_file(recorder, tmp_path / "a.csv")
-    for first in range(0, 10_000, 100):
-        add(recorder, number, 100, first)
-    recorder.finish()
-    recorder.check()
-    assert said == ["recording stops: the limit of 20,000 bytes for recordings is reached"]
-    assert recorder.report()["stopped"] is not None
-    assert (tmp_path / "a.csv").stat().st_size <= 20_000
 
 
 @pytest.mark.parametrize(("suffix", "most"), [(".mcap", 17), (".csv", 4)])

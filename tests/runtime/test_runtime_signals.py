@@ -4,6 +4,7 @@ import re
 import signal
 import subprocess
 import sys
+from contextlib import contextmanager
 
 import pytest
 
@@ -44,6 +45,20 @@ if sys.argv[2] in ("goes on", "reports"):
 rescue.done()
 """
 
+
+@contextmanager
+def signalled(number, loop, state):
+    """Start the program, and send it a signal as soon as its loop runs."""
+    command = [sys.executable, "-c", PROGRAM, loop, state]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
+        try:
+            assert process.stdout.readline() == "ready\n"
+            process.send_signal(number)
+            yield process
+        finally:
+            process.kill()
+
+
 BOTH = pytest.mark.parametrize(("number", "loop"), [(signal.SIGINT, "uvloop"), (signal.SIGTERM, "asyncio")])
 
 
@@ -58,28 +73,17 @@ BOTH = pytest.mark.parametrize(("number", "loop"), [(signal.SIGINT, "uvloop"), (
 )
 @BOTH
 def test_one_signal_ends_a_process_whatever_its_loop_is_stuck_in(number, loop, state, said, code):
-    with subprocess.Popen([sys.executable, "-c", PROGRAM, loop, state], stdout=subprocess.PIPE, text=True) as process:
-        try:
-            assert process.stdout.readline() == "ready\n"
-            process.send_signal(number)
-            assert re.fullmatch(said, process.communicate(timeout=60)[0])
-            assert process.returncode == code
-        finally:
-            process.kill()
+    with signalled(number, loop, state) as process:
+        assert re.fullmatch(said, process.communicate(timeout=60)[0])
+        assert process.returncode == code
 
 
 @pytest.mark.parametrize("state", ["goes on", "reports"])
 @BOTH
 def test_after_the_loop_a_signal_ends_a_program_unless_it_has_a_report_to_deliver(number, loop, state):
-    command = [sys.executable, "-c", PROGRAM, loop, state]
-    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
-        try:
-            assert process.stdout.readline() == "ready\n"
-            process.send_signal(number)
-            assert [process.stdout.readline() for _ in range(2)] == ["stopped\n", "closed\n"]
-            process.send_signal(number)
-            said = process.communicate(timeout=30)
-            assert process.returncode == (-number if state == "goes on" else 0)
-            assert state == "goes on" or said == ("", "")
-        finally:
-            process.kill()
+    with signalled(number, loop, state) as process:
+        assert [process.stdout.readline() for _ in range(2)] == ["stopped\n", "closed\n"]
+        process.send_signal(number)
+        said = process.communicate(timeout=30)
+        assert process.returncode == (-number if state == "goes on" else 0)
+        assert state == "goes on" or said == ("", "")

@@ -42,6 +42,9 @@ PLACE, BOUND = number("3cac0831"), number("43480000000000003ca3d70b3cf5c28f")
 ONE_NEWTON, DOUBLE, THREE_AXES = number("3f800000"), number("3fb999999999999a"), number("3f800000c000000040400000")
 LOST = "0.021 m; KEEPALIVE 2 confirmed FORCE 1; 10 % are lost, and after 80 % of these the next one, too"
 MOVING = "0.021 m, moving at 0.1 m/s: float32, float16"
+BETWEEN = "1 N; 200 N/m and no damping between 0.02 and 0.03 m"
+UNKNOWN = "the scene cannot tell: every position is needed"
+LAST = "1 N; sequence and time stamp are followed by 0"
 
 OPENING = [
     ("hello", "no cookie yet", HELLO, 0, [NONCE, b"", packed(REQUEST), b""], REQUEST),
@@ -61,27 +64,9 @@ IN_SESSION = [
     ("position that reports loss", LOST, POSITION, 3, [3000, 2, PLACE, 10, 80]),
     ("keepalive", "FORCE 1 still holds", KEEPALIVE, 2, [46_000, 1]),
     ("position with a velocity", MOVING, POSITION, 4, [47_000, 2, PLACE + number("2e66")]),
-    (
-        "force with a stiffness bound",
-        "1 N; 200 N/m and no damping between 0.02 and 0.03 m",
-        FORCE,
-        5,
-        [47_000, ONE_NEWTON, BOUND],
-    ),
-    (
-        "keepalive with a stiffness bound",
-        "the scene cannot tell: every position is needed",
-        KEEPALIVE,
-        6,
-        [48_000, 5, b""],
-    ),
-    (
-        "numbers about to wrap",
-        "1 N; sequence and time stamp are followed by 0",
-        FORCE,
-        2**32 - 1,
-        [2**32 - 1, ONE_NEWTON],
-    ),
+    ("force with a stiffness bound", BETWEEN, FORCE, 5, [47_000, ONE_NEWTON, BOUND]),
+    ("keepalive with a stiffness bound", UNKNOWN, KEEPALIVE, 6, [48_000, 5, b""]),
+    ("numbers about to wrap", LAST, FORCE, 2**32 - 1, [2**32 - 1, ONE_NEWTON]),
     ("numbers that wrapped", "1.1 N", FORCE, 0, [999, number("3f8ccccd")]),
     ("force as float64", "0.1 N where float32 is not within the threshold", FORCE, 3, [3000, DOUBLE]),
     ("three axes", "1, -2, 3 N", FORCE, 4, [4000, THREE_AXES]),

@@ -12,6 +12,8 @@ from pathlib import Path
 import msgpack
 
 from tests.protocol.reference_decoder import Receiver, Refused
+from tests.vectors.make_protocol import FORCE, KEEPALIVE, SESSION
+from tests.vectors.make_refused import single
 
 FILE = Path(__file__).with_name("traces.json")
 
@@ -23,8 +25,6 @@ NOTE = (
     " deadband with the same law. 'why' is for people."
 )
 
-FORCE, KEEPALIVE = 5, 6
-SESSION = 0xDEADBEEF
 PERIOD_US = 1000
 LAW = {"weber_fraction": 0.05, "floor_n": 0.025, "multiplier": 1.0}
 
@@ -35,10 +35,6 @@ def force(sequence, t_us, payload, why):
 
 def keepalive(sequence, t_us, newest, why):
     return KEEPALIVE, sequence, t_us, newest, why
-
-
-def single(value):
-    return struct.pack(">f", value)
 
 
 def coupled(value, stiffness, viscosity):
