@@ -3,6 +3,7 @@
 import json
 import re
 import signal
+import socket
 import subprocess
 import sys
 import time
@@ -11,28 +12,41 @@ from pathlib import Path
 
 import pytest
 
+from hapticnet.protocol.key_files import dump_master, write_key
+from hapticnet.protocol.keys import MasterEntry, format_key, new_key
+from hapticnet.runtime.system import SystemEntropy
+from tests.integration.on_path import OnPath
 from tests.ready import ROOT, Started
 
 PATIENCE_S = 20.0
 
 
+def write_keys(folder: Path) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """Make both hosts' keys and the slave's list; return the options of slave and master."""
+    own, other = new_key(SystemEntropy()), new_key(SystemEntropy())
+    write_key(folder / "slave.toml", own)
+    write_key(folder / "master.toml", other)
+    (folder / "masters.toml").write_text(dump_master(MasterEntry(name="finger", public=other.public)))
+    return (
+        ("--key", str(folder / "slave.toml"), "--masters", str(folder / "masters.toml")),
+        ("--key", str(folder / "master.toml"), "--peer-key", format_key(own.public)),
+    )
+
+
 class Process:
     """A ``hapticnet`` process whose words can be waited for."""
 
-    def __init__(self, arguments: list[str], prefix: list[str], folder: Path) -> None:
+    def __init__(self, arguments: list[str], prefix: list[str], folder: Path, streams: dict[str, int]) -> None:
         self.errors = folder / f"{arguments[0]}-{time.monotonic_ns()}.err"
         self.output = self.errors.with_suffix(".out")
+        command = [*prefix, sys.executable, "-m", "hapticnet", *arguments]
         with self.errors.open("w") as errors, self.output.open("w") as output:
-            if prefix:
-                self.process: subprocess.Popen | Started = subprocess.Popen(
-                    [*prefix, sys.executable, "-m", "hapticnet", *arguments],
-                    stdin=subprocess.DEVNULL,
-                    stdout=output,
-                    stderr=errors,
-                    cwd=ROOT,
-                )
-            else:
-                self.process = Started(tuple(arguments), stdout=output.fileno(), stderr=errors.fileno(), cwd=ROOT)
+            streams = {"stdout": output.fileno(), "stderr": errors.fileno()} | streams
+            self.process: subprocess.Popen | Started = (
+                subprocess.Popen(command, stdin=subprocess.DEVNULL, cwd=ROOT, **streams)
+                if prefix
+                else Started(tuple(arguments), cwd=ROOT, **streams)
+            )
 
     def said(self) -> str:
         return self.errors.read_text()
@@ -60,12 +74,15 @@ class Process:
 
 @pytest.fixture
 def start(tmp_path: Path) -> Iterator[Callable[..., Process]]:
-    """Return what starts a process, without real-time scheduling; those that still run at the end are killed."""
+    """Return what starts a process, without real-time scheduling; those that still run at the end are killed.
+
+    Give ``stdout`` or ``stderr`` to let it write elsewhere than to the files of the test.
+    """
     started: list[Process] = []
 
-    def start_process(*arguments: str, prefix: tuple[str, ...] = ()) -> Process:
+    def start_process(*arguments: str, prefix: tuple[str, ...] = (), **streams: int) -> Process:
         more = ["--no-real-time"] if arguments[0] in ("slave", "master", "replay") else []
-        process = Process([*arguments, *more], list(prefix), tmp_path)
+        process = Process([*arguments, *more], list(prefix), tmp_path, streams)
         started.append(process)
         return process
 
@@ -91,3 +108,25 @@ def serve(start: Callable[..., Process]) -> Callable[..., tuple[Process, str]]:
 def slave(serve: Callable[..., tuple[Process, str]]) -> tuple[Process, str]:
     """Return a slave with a scene of the paper, and its address."""
     return serve("--scene", "paper:1", "--json")
+
+
+@pytest.fixture
+def paths() -> Iterator[Callable[[str], OnPath]]:
+    """Return a maker of attackers on the path to a slave."""
+    made: list[OnPath] = []
+
+    def make(slave: str) -> OnPath:
+        made.append(OnPath(slave))
+        return made[-1]
+
+    yield make
+    for path in made:
+        path.close()
+
+
+@pytest.fixture
+def free_address() -> str:
+    """Return an address at which nobody listens."""
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        probe.bind(("127.0.0.1", 0))
+        return f"127.0.0.1:{probe.getsockname()[1]}"

@@ -2,18 +2,17 @@
 
 import signal
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
 
 import msgpack
 import numpy as np
 import pytest
 
-from hapticnet.protocol.keys import PrivateKey, format_key
 from hapticnet.protocol.wire import Kind, pack, unpack
 from hapticnet.recordings.text import read_csv
-from tests.integration.conftest import Process
-from tests.integration.on_path import OnPath, drop, late, pass_on
+from tests.integration.conftest import Process, write_keys
+from tests.integration.on_path import drop, late, pass_on
 
 FORCE_N = 2.0
 GEL = """
@@ -38,33 +37,10 @@ PIERCE = {0.0: 0.0, 0.3: 0.034, 0.8: 0.034, 0.9: 0.06, 1.1: 0.032, 100.0: 0.032}
 """Press the skin with 2.8 N for half a second, pierce it, and rest where it would press with 2.4 N if it were whole."""
 
 
-@pytest.fixture
-def paths() -> Iterator[Callable[[str], OnPath]]:
-    """Return a maker of attackers on the path to a slave."""
-    made: list[OnPath] = []
-
-    def make(slave: str) -> OnPath:
-        made.append(OnPath(slave))
-        return made[-1]
-
-    yield make
-    for path in made:
-        path.close()
-
-
 @pytest.fixture(params=["open", "sealed"])
 def keys(request: pytest.FixtureRequest, tmp_path: Path) -> tuple[tuple[str, ...], tuple[str, ...]]:
     """Return the arguments of a slave and of a master that make their sessions open or sealed."""
-    if request.param == "open":
-        return (), ()
-    slave, master = (PrivateKey(bytes(range(first, first + 32))) for first in (1, 33))
-    for name, key in (("slave", slave), ("master", master)):
-        file = tmp_path / f"{name}.key"
-        file.touch(mode=0o600)
-        file.write_text(f'private = "{format_key(key.private)}"\n')
-    (tmp_path / "masters.toml").write_text(f'[[master]]\nname = "one"\npublic = "{format_key(master.public)}"\n')
-    slaves = ("--key", str(tmp_path / "slave.key"), "--masters", str(tmp_path / "masters.toml"))
-    return slaves, ("--key", str(tmp_path / "master.key"), "--peer-key", format_key(slave.public))
+    return write_keys(tmp_path) if request.param == "sealed" else ((), ())
 
 
 def started(serve: Callable[..., tuple], scene: str, folder: Path, keys: tuple[str, ...]) -> tuple[Process, str]:

@@ -15,10 +15,10 @@ from hapticnet.protocol.messages import Hello, Request, pack_hello
 from hapticnet.protocol.settings import SessionSettings
 from hapticnet.protocol.wire import pack_body
 from hapticnet.recordings.text import read_csv
-from hapticnet.runtime.system import SystemEntropy
+from hapticnet.runtime.system import SystemEntropy, now_us
 from tests.integration.conftest import Process
-from tests.integration.on_path import OnPath, drop, late, pass_on
-from tests.integration.unknown_peers import Client, Forger, now_us, parse, pump
+from tests.integration.on_path import drop, late, pass_on
+from tests.integration.unknown_peers import Client, Forger, parse, pump
 
 ELSEWHERE = "127.0.0.66"
 """A host from which nobody works; all of 127/8 is this machine."""
@@ -114,10 +114,10 @@ def test_requests_that_are_costly_slow_nobody_down(start, slave):
     assert server.report()["throttled"] > 200
 
 
-def test_a_newcomer_gets_in_through_a_flood_of_forged_requests(start, slave):
+def test_a_newcomer_gets_in_through_a_flood_of_forged_requests(start, slave, paths):
     """N5: at 1,000 a second and 80 ms of round trip, 31 connections in 5 s and not one answer to a position."""
     _, address = slave
-    path = OnPath(address)
+    path = paths(address)
     path.forward = path.feedback = late(0.04)
     flood = Forger(address, forged_hello, per_s=1_000.0)
     run_for(0.5, flood.pump)
@@ -125,17 +125,16 @@ def test_a_newcomer_gets_in_through_a_flood_of_forged_requests(start, slave):
     while newcomer.process.poll() is None:
         run_for(0.02, flood.pump)
     flood.close()
-    path.close()
     assert newcomer.process.wait(1) == 0
     report = newcomer.report()
     assert report["connections"] == 1
     assert report["round_trip"]["count"] > 10
 
 
-def test_one_host_cannot_take_all_seats(start, slave, clients, tmp_path):
+def test_one_host_cannot_take_all_seats(start, slave, clients, paths, tmp_path):
     """N7: 64 ports of one host shut all others out, and a master that lost its link for 1.6 s ended."""
     _, address = slave
-    path = OnPath(address)
+    path = paths(address)
     record = tmp_path / "master.csv"
     arguments = ("--connect", path.address, "--duration", "60", "--rate", "200", "--record", str(record), "--json")
     master = start("master", *arguments)
@@ -154,15 +153,14 @@ def test_one_host_cannot_take_all_seats(start, slave, clients, tmp_path):
     assert newcomer.process.wait(1) == 0, newcomer.said()
     assert newcomer.report()["round_trip"]["count"] > 5
     assert master.end() == 0
-    path.close()
     assert master.report()["round_trip"]["count"] > 100
     assert len(read_csv(record)["t_us"]) > 100
 
 
-def test_a_master_that_finds_no_seat_any_more_writes_its_report_and_recording(start, serve, clients, tmp_path):
+def test_a_master_that_finds_no_seat_any_more_writes_its_report_and_recording(start, serve, clients, paths, tmp_path):
     """N7: it ended without either."""
     server, address = serve("--most-sessions", "1")
-    path = OnPath(address)
+    path = paths(address)
     record, report = tmp_path / "master.csv", tmp_path / "master.json"
     arguments = ("--connect", path.address, "--duration", "60", "--rate", "200", "--record", str(record))
     master = start("master", *arguments, "--report", str(report))
@@ -177,7 +175,6 @@ def test_a_master_that_finds_no_seat_any_more_writes_its_report_and_recording(st
     path.forward = path.feedback = pass_on
     assert pump([rival], lambda: "refuses a new session" in master.said(), within_s=8.0), master.said()
     assert master.end() == 0
-    path.close()
     assert json.loads(report.read_text())["connections"] == 1
     assert len(read_csv(record)["t_us"]) > 100
 

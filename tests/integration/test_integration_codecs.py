@@ -114,14 +114,6 @@ def test_an_installed_package_offers_it_by_name(tmp_path, monkeypatch):
     assert installed().stdout == "every\n"
 
 
-def test_compare_puts_it_beside_the_others(codec, tmp_path):
-    codecs = f"deadband;{codec};{codec}:step=8"
-    done = hapticnet("compare", tmp_path / "force.csv", "--codecs", codecs, "--multipliers", "1", "--json")
-    rows = json.loads(done.stdout)["rows"]
-    assert [row["label"] for row in rows] == ["deadband", "every", "every:step=8"]
-    assert [row["sent"] for row in rows[1:]] == [250, 125]
-
-
 @pytest.mark.usefixtures("codec")
 @pytest.mark.parametrize("verb", ["encode force.csv", "compare force.csv", "demo", "master", "slave"])
 def test_a_broken_one_is_refused_in_one_line(tmp_path, verb):

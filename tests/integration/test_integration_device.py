@@ -1,7 +1,5 @@
 """A device on a serial line as processes: unplugged, plugged in again, or not there at all. No speed is asserted."""
 
-import shutil
-import subprocess
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -10,7 +8,6 @@ import pytest
 
 from hapticnet.runtime.nano import BUILD_VARIABLE
 
-FIRMWARE = Path(__file__).parents[2] / "firmware"
 PATIENCE_S = 60.0
 
 # The last that was said of the device: a busy machine may stall the simulated one for long enough to be missed too.
@@ -18,32 +15,10 @@ READY = r"device ready(?!(?s:.*)device lost)"
 LOST = r"device lost(?!(?s:.*)device ready)"
 
 
-@pytest.fixture(scope="module")
-def build(tmp_path_factory: pytest.TempPathFactory) -> Callable[[], Path]:
-    """Return what builds firmware and simulator, once."""
-    folder = tmp_path_factory.mktemp("firmware")
-
-    def make() -> Path:
-        if not (folder / "harness").exists():
-            command = ["make", "-s", "-C", FIRMWARE, f"BUILD={folder}", "BAUD=500000", "firmware", "sim"]
-            done = subprocess.run(command, capture_output=True, text=True)
-            assert done.returncode == 0, done.stderr
-        return folder
-
-    return make
-
-
 @pytest.fixture
-def simulator(
-    build: Callable[[], Path], tool_is_missing: Callable[[str], None], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def simulator(simavr_files: tuple[Path, Path], monkeypatch: pytest.MonkeyPatch) -> None:
     """Let processes started from here find the simulator."""
-    for tool, package in (("avr-gcc", "gcc-avr"), ("make", "make"), ("gcc", "gcc")):
-        if shutil.which(tool) is None:
-            tool_is_missing(f"{tool} is missing (package {package}), so the firmware cannot be built")
-    if not Path("/usr/include/simavr/sim_avr.h").exists():
-        tool_is_missing("simavr is missing (packages libsimavr-dev and libelf-dev), so the firmware cannot be run")
-    monkeypatch.setenv(BUILD_VARIABLE, str(build()))
+    monkeypatch.setenv(BUILD_VARIABLE, str(simavr_files[0].parent))
 
 
 @pytest.fixture
@@ -105,19 +80,6 @@ def test_a_master_brings_its_own_simulated_nano_and_ends_it(start, slave, simula
     assert account["device"]["line"]["readings"] > 100
 
 
-def test_info_tells_who_answers_as_json(start, plug_in):
-    device, port = plug_in()
-    for _ in range(2):
-        info = start("device", "info", port, "--json")
-        assert info.process.wait(PATIENCE_S) == 0, info.said()
-        account = info.report()
-        assert account["device"] == port
-        assert account["firmware"] == "0.1.0"
-        assert account["reset_cause"] == "power-on"
-        assert len(account["servo"]) == 3
-    assert device.end() == 0
-
-
 @pytest.mark.parametrize(
     ("arguments", "complaint", "code"),
     [
@@ -132,15 +94,3 @@ def test_a_wrong_port_is_one_line_and_an_exit_code(start, arguments, complaint, 
     assert process.process.wait(PATIENCE_S) == code
     (line,) = process.said().splitlines()
     assert complaint in line
-
-
-def test_a_port_in_use_is_said_to_be_and_its_user_not_disturbed(start, slave, plug_in):
-    _, address = slave
-    _, port = plug_in()
-    master = start("master", "--connect", address, "--device", port, "--duration", "120", "--json")
-    master.wait_for("device ready")
-    info = start("device", "info", port)
-    assert info.process.wait(PATIENCE_S) == 4
-    assert "is in use by another program" in info.said()
-    assert master.end() == 0
-    assert master.report()["device"]["line"]["readings"] > 0

@@ -23,24 +23,10 @@ def test_a_running_master_finishes_and_a_new_one_is_refused_for_now(start, serve
     assert slave.process.poll() is None
     assert first.end() == 0
     assert slave.process.wait(20) == 0
+    assert first.report()["end_reason"] == "stopped"
     report = slave.report()["sessions"]
     assert [each["end_reason"] for each in report] == ["the master closed: stopped"]
     assert first.report()["received"]["by_kind"]["notice"] >= 1
-
-
-@pytest.mark.parametrize("at_once", [False, True])
-def test_a_second_signal_ends_the_wait(start, server, at_once):
-    slave, address = server
-    master = start("master", "--connect", address, "--duration", "60")
-    slave.wait_for("joined")
-    slave.process.send_signal(signal.SIGTERM)
-    if not at_once:
-        slave.wait_for("stopping: takes no new masters")
-    slave.process.send_signal(signal.SIGINT)  # two of one kind could arrive as one
-    assert slave.process.wait(20) == 0
-    master.wait_for("session lost .the slave closed: shutting down")
-    assert slave.report()["sessions"][0]["end_reason"] == "the slave closed: shutting down"
-    assert master.end() == 0
 
 
 def test_a_slave_without_masters_does_not_wait(server):

@@ -12,20 +12,15 @@ import pytest
 
 import hapticnet
 from hapticnet.recordings.session.reading import read_session
-from hapticnet.runtime.processes import Child
 from tests.integration.conftest import PATIENCE_S
 
 ROOT = Path(hapticnet.__file__).parents[1]
 PACKAGES = ("numpy", "msgpack", "mcap", "prometheus_client", "typer", "uvloop", "pyarrow", "numba", "hapticnet", "nt")
 TAKEN = "a file of the working folder was run"
-TISSUE = (
-    'name = "one"\n[[tissue]]\nname = "skin"\nrest_position_m = 0.02\nstiffness_n_per_m = 300.0\nbreach_force_n = 2.0\n'
-)
 STUDY = """
 name = "Few"
 task = "felt"
 [axes]
-scene = "scene.toml"
 codec = ["deadband"]
 loss = [0, "2%"]
 """
@@ -94,16 +89,7 @@ def test_the_processes_beside_a_master_and_a_slave_do_their_work(hostile):
     assert len(read_session(recorded).main["t_us"]) > 100
 
 
-def test_a_child_that_is_a_slave_starts(hostile):  # noqa: ARG001
-    child = Child(["slave", "--listen", "127.0.0.1:0", "--no-real-time"])
-    try:
-        assert child.address().startswith("127.0.0.1:")
-    finally:
-        child.end()
-
-
 def test_the_workers_of_a_sweep_compute(hostile):
-    (hostile / "scene.toml").write_text(TISSUE)
     (hostile / "study.toml").write_text(STUDY)
     run("sweep", "study.toml", "--out-dir", "results", "--jobs", "2")
     assert list((hostile / "results").glob("shard-*.parquet"))

@@ -6,8 +6,7 @@ import time
 
 from hapticnet.experiment.analysis import CONDITIONS
 from hapticnet.experiment.demo import Played, disturbances
-
-PATIENCE_S = 20.0
+from tests.integration.conftest import PATIENCE_S
 
 
 def test_a_slave_that_was_stopped_tells_what_waited_and_what_was_dropped(start, slave):

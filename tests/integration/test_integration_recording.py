@@ -2,7 +2,6 @@
 
 import json
 import signal
-import subprocess
 import time
 
 import numpy as np
@@ -12,9 +11,9 @@ from hapticnet.recordings.session.reading import read_session
 from hapticnet.recordings.session.sink import UNFINISHED
 from hapticnet.recordings.text import read_csv
 from tests.cli.test_cli_errors import THE_ERROR
+from tests.integration.conftest import PATIENCE_S
 from tests.ready import wait_until
 
-PATIENCE_S = 20.0
 MOST_LOST_US = 1_000_000
 """The bound is 0.3 s; on a machine that is busy with other tests, timers are late."""
 
@@ -63,18 +62,6 @@ def test_processes_that_are_killed_leave_complete_files(start, serve, tmp_path):
     assert (np.diff(ours.main["t_us"]) > 0).all()
     assert theirs.main["t_us"][-1] - ours.main["t_us"][-1] < MOST_LOST_US
     assert [event.name for event in theirs.events] == ["MasterJoined", "SettingsInForce"]
-
-
-def test_ctrl_c_in_the_terminal_completes_the_files(start, serve, tmp_path):
-    """The terminal sends the signal to the process group, to which the writer does not belong."""
-    record = tmp_path / "master.csv"
-    _, address = serve()
-    master = start("master", "--connect", address, "--record", str(record), prefix=("setsid",))
-    unfinished = tmp_path / f"master.csv{UNFINISHED}"
-    wait_until(lambda: unfinished.exists() and unfinished.stat().st_size > 5000)
-    subprocess.run(["kill", "-INT", "--", f"-{master.process.pid}"], check=True)
-    assert master.process.wait(PATIENCE_S) == 0, master.said()
-    assert read_session(record).about["report"]["ticks"] == len(read_session(record).main["t_us"])
 
 
 def test_a_full_disk_ends_the_recording_but_not_the_run(start, serve, tmp_path):

@@ -8,10 +8,8 @@ import uuid
 
 import pytest
 
-from hapticnet.protocol.key_files import dump_master, write_key
-from hapticnet.protocol.keys import MasterEntry, format_key, new_key
 from hapticnet.recordings.text import read_csv
-from hapticnet.runtime.system import SystemEntropy
+from tests.integration.conftest import write_keys
 
 SLAVE_IP, MASTER_IP, OTHER_MASTER_IP = "10.231.47.1", "10.231.47.2", "10.231.47.3"
 
@@ -46,39 +44,14 @@ def hosts(tool_is_missing):
             subprocess.run(["ip", "netns", "del", name], check=False, capture_output=True)
 
 
-def write_keys(folder):
-    """Make both hosts' keys and the slave's list; return the options of slave and master."""
-    own, other = new_key(SystemEntropy()), new_key(SystemEntropy())
-    write_key(folder / "slave.toml", own)
-    write_key(folder / "master.toml", other)
-    (folder / "masters.toml").write_text(dump_master(MasterEntry(name="finger", public=other.public)))
-    return (
-        ("--key", str(folder / "slave.toml"), "--masters", str(folder / "masters.toml")),
-        ("--key", str(folder / "master.toml"), "--peer-key", format_key(own.public)),
-    )
-
-
 def test_a_killed_slave_comes_back_and_the_held_force_never_outlives_its_age_limit(hosts, start, tmp_path):
     of_slave, of_master = write_keys(tmp_path)
-    slave_host, master_host = hosts
-    in_slave, in_master = ("ip", "netns", "exec", slave_host), ("ip", "netns", "exec", master_host)
+    in_slave, in_master = (("ip", "netns", "exec", host) for host in hosts)
     address, record = f"{SLAVE_IP}:47800", tmp_path / "master.csv"
     first = start("slave", "--listen", address, *of_slave, prefix=in_slave)
     first.wait_for("listening on")
-    master = start(
-        "master",
-        "--connect",
-        address,
-        *of_master,
-        "--duration",
-        "60",
-        "--insertions",
-        "50",
-        "--record",
-        str(record),
-        "--json",
-        prefix=in_master,
-    )
+    options = ("--duration", "60", "--insertions", "50", "--record", str(record), "--json")
+    master = start("master", "--connect", address, *of_master, *options, prefix=in_master)
     master.wait_for("connected to")
     first.process.kill()
     first.process.wait()
@@ -98,13 +71,12 @@ def test_a_killed_slave_comes_back_and_the_held_force_never_outlives_its_age_lim
 
 def test_a_master_that_gets_another_address_goes_on_in_its_session(hosts, start, tmp_path):
     of_slave, of_master = write_keys(tmp_path)
-    slave_host, master_host = hosts
-    server = start(
-        "slave", "--listen", "0.0.0.0:47800", *of_slave, "--json", prefix=("ip", "netns", "exec", slave_host)
-    )
+    _, master_host = hosts
+    in_slave, in_master = (("ip", "netns", "exec", host) for host in hosts)
+    server = start("slave", "--listen", "0.0.0.0:47800", *of_slave, "--json", prefix=in_slave)
     server.wait_for("listening on")
     arguments = ("--connect", f"{SLAVE_IP}:47800", *of_master, "--insertions", "1", "--device", "none", "--json")
-    master = start("master", *arguments, prefix=("ip", "netns", "exec", master_host))
+    master = start("master", *arguments, prefix=in_master)
     server.wait_for(f"'finger' .* joined from {MASTER_IP}")
     link = json.loads(subprocess.run(["ip", "-n", master_host, "-j", "link"], check=True, capture_output=True).stdout)
     device = next(each["ifname"] for each in link if each["ifname"] != "lo")

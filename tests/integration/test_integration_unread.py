@@ -5,16 +5,14 @@ import json
 import os
 import pty
 import signal
-import socket
 import termios
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 
-from tests.ready import Started, wait_until
-
-PATIENCE_S = 20.0
+from tests.integration.conftest import PATIENCE_S
+from tests.ready import wait_until
 
 
 def fill(stream: int) -> None:
@@ -48,57 +46,34 @@ def stopped_terminal() -> Iterator[int]:
     os.close(terminal)
 
 
-@pytest.fixture
-def run() -> Iterator[Callable[..., Started]]:
-    """Return what starts a process; those still running at the end of the test are killed."""
-    started: list[Started] = []
-    nowhere = os.open(os.devnull, os.O_WRONLY)
-
-    def start_process(*arguments: object, **streams: int) -> Started:
-        started.append(Started((*arguments, "--no-real-time"), **{"stdout": nowhere, "stderr": nowhere} | streams))
-        return started[-1]
-
-    yield start_process
-    for process in started:
-        process.kill()
-        process.wait()
-    os.close(nowhere)
-
-
-@pytest.fixture
-def address() -> str:
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
-        probe.bind(("127.0.0.1", 0))
-        return f"127.0.0.1:{probe.getsockname()[1]}"
-
-
 @pytest.mark.parametrize("stream", ["full_pipe", "stopped_terminal"])
-def test_a_slave_whose_stderr_nobody_reads_serves_on_and_ends_on_sigint(run, address, stream, request, tmp_path):
+def test_a_slave_whose_stderr_nobody_reads_serves_on_and_ends_on_sigint(start, free_address, stream, request, tmp_path):
     stderr, report = request.getfixturevalue(stream), tmp_path / "slave.json"
-    slave = run("slave", "--listen", address, "--report", report, stderr=stderr)
+    slave = start("slave", "--listen", free_address, "--report", str(report), stderr=stderr)
     for name in ("one", "two"):
-        master = run("master", "--connect", address, "--name", name, "--duration", 0.3, "--connect-timeout", PATIENCE_S)
-        assert master.wait(PATIENCE_S) == 0
-    slave.send_signal(signal.SIGINT)
-    assert slave.wait(PATIENCE_S) == 0
+        options = ("--name", name, "--duration", "0.3", "--connect-timeout", "20")
+        master = start("master", "--connect", free_address, *options)
+        assert master.process.wait(PATIENCE_S) == 0
+    slave.process.send_signal(signal.SIGINT)
+    assert slave.process.wait(PATIENCE_S) == 0
     sessions = json.loads(report.read_text())["sessions"]
     assert [session["master"] for session in sessions] == ["one", "two"]
 
 
-def test_a_master_whose_stderr_nobody_reads_plays_to_its_end(run, address, full_pipe, tmp_path):
-    run("slave", "--listen", address)
+def test_a_master_whose_stderr_nobody_reads_plays_to_its_end(start, free_address, full_pipe, tmp_path):
+    start("slave", "--listen", free_address)
     report = tmp_path / "master.json"
-    master = run("master", "--connect", address, "--duration", 0.5, "--report", report, stderr=full_pipe)
-    assert master.wait(PATIENCE_S) == 0
+    master = start("master", "--connect", free_address, "--duration", "0.5", "--report", str(report), stderr=full_pipe)
+    assert master.process.wait(PATIENCE_S) == 0
     assert json.loads(report.read_text())["end_reason"] == "done"
 
 
-def test_a_process_none_of_whose_output_is_read_ends_on_one_sigint(run, full_pipe, tmp_path):
+def test_a_process_none_of_whose_output_is_read_ends_on_one_sigint(start, full_pipe, tmp_path):
     report = tmp_path / "report.json"
-    process = run("slave", "--listen", "127.0.0.1:0", "--report", report, stdout=full_pipe, stderr=full_pipe)
-    wait_until(lambda: handles_signals(process.pid))  # nothing that it says can be read
-    process.send_signal(signal.SIGINT)
-    assert process.wait(PATIENCE_S) == 3, "the report on stdout is incomplete"
+    process = start("slave", "--listen", "127.0.0.1:0", "--report", str(report), stdout=full_pipe, stderr=full_pipe)
+    wait_until(lambda: handles_signals(process.process.pid))  # nothing that it says can be read
+    process.process.send_signal(signal.SIGINT)
+    assert process.process.wait(PATIENCE_S) == 3, "the report on stdout is incomplete"
     assert json.loads(report.read_text())["provenance"]
 
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from hapticnet.node.master import MasterNode
 from hapticnet.node.settings import MasterSettings
-from hapticnet.runtime.system import SystemEntropy
+from hapticnet.runtime.system import SystemEntropy, now_us
 from hapticnet.samples import PositionSample
 
 Address = tuple[str, int]
@@ -22,10 +22,6 @@ IP_PKTINFO = getattr(socket, "IP_PKTINFO", 8)
 def parse(address: str) -> Address:
     host, _, port = address.rpartition(":")
     return host, int(port)
-
-
-def now_us() -> int:
-    return time.monotonic_ns() // 1000
 
 
 class Moving:
