@@ -40,17 +40,14 @@ DECODE = """(m, bytes) => {
 }"""
 
 
-def test_a_page_reads_frames_as_the_server_writes_them(modules: Modules):
-    data = messages.frame(HandState.HOLDING, 7, 12.5, 0.25, (0.25, 0.5), (1, 2))
-    assert modules.run("wire", DECODE, list(data)) == {
+def test_a_page_reads_what_the_server_writes(modules: Modules):
+    frame = messages.frame(HandState.HOLDING, 7, 12.5, 0.25, (0.25, 0.5), (1, 2))
+    assert modules.run("wire", DECODE, list(frame)) == {
         "kind": "frame", "handState": "holding", "number": 7, "handTimeMs": 12.5, "tipM": 0.25,
         "surfacesM": [0.25, 0.5], "contacts": [1, 2],
     }  # fmt: skip
-
-
-def test_a_page_reads_samples_as_the_server_writes_them(modules: Modules):
-    data = messages.samples(2**32 - 1, 1.5, np.arange(6.0).reshape(2, 3))
-    assert modules.run("wire", DECODE, list(data)) == {
+    samples = messages.samples(2**32 - 1, 1.5, np.arange(6.0).reshape(2, 3))
+    assert modules.run("wire", DECODE, list(samples)) == {
         "kind": "samples", "rows": 3, "firstRow": 2**32 - 1, "startS": 1.5, "columns": [[0, 1, 2], [3, 4, 5]]
     }  # fmt: skip
 

@@ -80,9 +80,8 @@ async def test_nothing_that_is_sent_depends_on_the_tissues_or_the_condition(tmp_
             await run.page.stop()
             await until(lambda: client.closed)
             texts = [text for text in client.raw if isinstance(text, str) and json.loads(text)["type"] != "hand"]
-            texts = [
-                re.sub(r'"wait_s": [0-9.]+', '"wait_s": 0', text) for text in texts
-            ]  # time goes on while it is sent
+            # time goes on while it is sent
+            texts = [re.sub(r'"wait_s": [0-9.]+', '"wait_s": 0', text) for text in texts]
             return texts, [row for row in run.rows if row.event in ("repeated", "trial")]
 
     texts, rows = await play_one(tmp_path / "one", plan(), 1)

@@ -1,4 +1,4 @@
-"""Whole sessions of the experiment on the participant's page, in a real browser and with real processes."""
+"""A whole session of the experiment on the participant's page, in a real browser and with real processes."""
 
 import csv
 import re
@@ -16,6 +16,7 @@ pytest.importorskip("playwright")
 pytestmark = pytest.mark.browser
 
 ORDER_PLAN = """
+name = "short"
 [order]
 breach_forces_n = [1.0, 1.6, 2.2]
 gap_m = 0.003
@@ -28,18 +29,6 @@ least_delivered = 0.02
 most_attempts = 20
 [[condition]]
 name = "secret"
-"""
-LIMITS_PLAN = """
-[limits]
-method = "up-down"
-references_n = [1.0]
-repetitions = 1
-pairs = 5
-stimulus_s = 0.3
-gap_s = 0.0
-tolerance = 1.0
-most_attempts = 20
-break_s = 0.0
 """
 
 
@@ -83,19 +72,13 @@ class Participant:
         self.page.keyboard.up("ArrowDown")
         self.page.keyboard.up("Shift")
 
-    def begin(self) -> None:
-        self.screen("instructions")
-        self.click("Go on")
-        self.screen("consent")
-        self.click("I agree")
-
 
 @contextmanager
-def session(verb: str, plan: str, folder: Path, *more: str) -> Iterator[tuple[Child, str]]:
+def session(folder: Path) -> Iterator[tuple[Child, str]]:
     """Start a session and yield it with the address of its page."""
-    (folder / "plan.toml").write_text(f'name = "short"\n{plan}')
-    arguments = ["experiment", verb, "--participant", "01", "--plan", str(folder / "plan.toml")]
-    child = Child([*arguments, "--out-dir", str(folder / "study"), "--page=127.0.0.1:0", *more])
+    (folder / "plan.toml").write_text(ORDER_PLAN)
+    arguments = ["experiment", "order", "--participant", "01", "--plan", str(folder / "plan.toml")]
+    child = Child([*arguments, "--out-dir", str(folder / "study"), "--page=127.0.0.1:0"])
     try:
         lines = child.lines()
         yield child, next(address_of(file) for line in lines if (file := address_in(line)[0]))
@@ -110,9 +93,12 @@ def rows(folder: Path) -> list[dict[str, str]]:
 
 
 def test_a_session_is_conducted_on_the_page_and_survives_a_reload(chromium: Any, tmp_path: Path):
-    with session("order", ORDER_PLAN, tmp_path) as (child, url):
+    with session(tmp_path) as (child, url):
         person = Participant(chromium, url)
-        person.begin()
+        person.screen("instructions")
+        person.click("Go on")
+        person.screen("consent")
+        person.click("I agree")
         person.screen("practice")
         person.page.keyboard.press("Enter")
         person.screen("trial")
@@ -152,36 +138,3 @@ def test_a_session_is_conducted_on_the_page_and_survives_a_reload(chromium: Any,
     answered = next(row for row in rows(tmp_path) if row["event"] == "trial")
     assert (answered["order_answered"], answered["key_resp.keys"]) == ("321", "31<21")
     assert float(answered["peak_held_3_n"]) > 0.9
-
-
-def test_a_session_that_was_killed_goes_on_at_a_new_address(chromium: Any, tmp_path: Path):
-    with session("order", ORDER_PLAN, tmp_path) as (child, url):
-        person = Participant(chromium, url)
-        person.begin()
-        person.screen("practice")
-        child.kill()
-        person.page.get_by_text("The connection is lost").wait_for()
-    with session("order", ORDER_PLAN, tmp_path, "--resume") as (child, url):
-        person = Participant(chromium, url)
-        person.page.get_by_role("heading", name="The session goes on").wait_for()
-        person.page.wait_for_timeout(1100)
-        person.click("End the session")
-        person.page.get_by_role("dialog").get_by_role("button", name="End the session").click()
-        person.page.get_by_role("heading", name="The session is interrupted").wait_for()
-
-
-def test_a_threshold_is_measured_on_the_page(chromium: Any, tmp_path: Path):
-    with session("limits", LIMITS_PLAN, tmp_path) as (child, url):
-        person = Participant(chromium, url)
-        person.begin()
-        while person.screen("question", "done") == "question":
-            number = len([row for row in rows(tmp_path) if row["event"] == "trial"])
-            if number % 2:
-                person.click("The first")
-            else:
-                person.page.keyboard.press("2")
-            person.leave("question")
-        child.finish()
-        assert person.complaints == []
-    answers = [row["answer"] for row in rows(tmp_path) if row["event"] == "trial"]
-    assert answers == ["2", "1", "2", "1", "2"]

@@ -8,32 +8,26 @@ from tests.web.staged import ORIGIN, STATE, Stage, begin_again, open_view
 
 
 @pytest.fixture(scope="module")
-def open_watch(chromium):
-    stage = open_view(chromium, "watch")
-    yield stage
-    stage.page.context.close()
-
-
-@pytest.fixture(scope="module")
-def open_operator(chromium):
-    stage = open_view(chromium, "operator")
-    yield stage
-    stage.page.context.close()
+def opened(chromium):
+    stages = {view: open_view(chromium, view) for view in ("watch", "operator")}
+    yield stages
+    for stage in stages.values():
+        stage.page.context.close()
 
 
 @pytest.fixture
-def watch(open_watch):
-    begin_again(open_watch, "watch")
-    yield open_watch
-    assert open_watch.errors == []
-    assert all(url.startswith(ORIGIN) for url in open_watch.requests)
+def watch(opened):
+    begin_again(opened["watch"], "watch")
+    yield opened["watch"]
+    assert opened["watch"].errors == []
+    assert all(url.startswith(ORIGIN) for url in opened["watch"].requests)
 
 
 @pytest.fixture
-def operator(open_operator):
-    begin_again(open_operator, "operator")
-    yield open_operator
-    assert open_operator.errors == []
+def operator(opened):
+    begin_again(opened["operator"], "operator")
+    yield opened["operator"]
+    assert opened["operator"].errors == []
 
 
 def take(stage: Stage) -> None:
