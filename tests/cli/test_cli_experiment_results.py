@@ -197,7 +197,6 @@ def test_power_of_answers_without_an_effect_says_that_no_number_of_participants_
 @pytest.mark.parametrize(
     ("options", "told"),
     [
-        (("--shares", "0.7,0.8"), "2 shares are given for 4 conditions"),
         (("--shares", "0.7,0.7,0.7,0.7", "--participants", "many"), "participants 'many' must be whole numbers"),
         (("absent.toml",), "absent.toml"),
     ],

@@ -63,7 +63,6 @@ def test_there_are_examples_of_the_verbs_that_exist():
         (("config", "ma"), {"master"}),
         (("sweep", "s"), {"show"}),
         (("sweep", "study.toml", "--sch"), {"--scheduler"}),
-        (("sweep", "run", "study.toml", "--dry"), {"--dry-run"}),
     ],
 )
 def test_the_shell_completes(monkeypatch, words, expected):

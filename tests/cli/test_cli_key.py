@@ -6,7 +6,7 @@ import tomllib
 
 import pytest
 
-from hapticnet.protocol.key_files import load_key, load_roster
+from hapticnet.protocol.key_files import load_key
 from hapticnet.protocol.keys import format_key
 from tests.cli.test_cli_errors import assert_one_line
 from tests.ready import hapticnet
@@ -30,16 +30,6 @@ def test_a_new_key_is_private_and_its_public_key_and_snippet_are_printed(home):
     assert tomllib.loads(snippet(done)) == {"master": [{"name": "finger 1", "public": format_key(key.public)}]}
     assert format_key(key.private) not in done.stdout + done.stderr
     assert hapticnet("key", "public").stdout == done.stdout
-
-
-def test_the_snippet_appended_to_the_list_admits_the_master(home):
-    for name in ("one", "two"):
-        done = hapticnet("key", "new", home / f"{name}.toml", "--name", name)
-        with (home / "masters.toml").open("a") as masters:
-            masters.write(snippet(done))
-    roster = load_roster(home / "masters.toml")
-    assert [entry.name for entry in roster] == ["one", "two"]
-    assert roster.find(load_key(home / "two.toml").public) is not None
 
 
 def test_the_key_named_by_the_environment_is_used(tmp_path, monkeypatch):

@@ -291,7 +291,7 @@ def test_auto_without_a_single_candidate_lists_the_choices(monkeypatch, tmp_path
         choose_port()
 
 
-@pytest.fixture
+@pytest.fixture(autouse=True)
 def own_signals():
     """Give this process the handlers back that a device that is run replaces."""
     before = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
@@ -313,7 +313,6 @@ def run_on_stand_in(tick, *, duration_s=None):
     return play(scene)
 
 
-@pytest.mark.usefixtures("own_signals")
 def test_a_device_is_run_until_its_tick_is_done():
     readings = []
 
@@ -326,12 +325,10 @@ def test_a_device_is_run_until_its_tick_is_done():
     assert all(reading is not None for reading in readings[:1])
 
 
-@pytest.mark.usefixtures("own_signals")
 def test_a_device_is_run_for_a_time():
     assert run_on_stand_in(lambda wired, now: wired.exchange(0.0, now) is not None and False, duration_s=0.1) is True
 
 
-@pytest.mark.usefixtures("own_signals")
 def test_an_exception_in_a_tick_ends_the_run():
     def tick(*_):
         raise SettingsError("no more")

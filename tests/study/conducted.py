@@ -24,10 +24,6 @@ SMALL = Plan(
 )
 
 
-def met():
-    return Met(0.5, 0.003)
-
-
 def played(stimulus, *, delivered=1.0, failure=None, touched=(True, True, True)):
     """Return a trial of which the device delivered a share of each force."""
     held_n = tuple(force if here else None for force, here in zip(stimulus.breach_forces_n, touched, strict=True))
@@ -61,7 +57,7 @@ def presented(pair, error_n=0.0):
 def outcome_of(activity):
     """Return what a device without errors makes of an activity."""
     if isinstance(activity, Meet):
-        return met()
+        return Met(0.5, 0.003)
     return presented(activity) if isinstance(activity, Pair) else played(activity)
 
 

@@ -10,7 +10,7 @@ from hapticnet.study.schedule import LimitsSchedule, OrderSchedule
 from hapticnet.study.screens import ScreenKind
 from hapticnet.study.tasks import LimitsFlow, OrderFlow
 from hapticnet.study.trial import Stimulus
-from tests.study.conducted import SMALL, Person, answer, met, played, presented
+from tests.study.conducted import SMALL, Person, answer, played, presented
 
 CONSTANTS = {"participant": "03", "session": 1, "observer": None, "device": "given"}
 LAW = {"weber_fraction": 0.07, "floor_n": 0.035}
@@ -341,7 +341,7 @@ def test_a_pair_that_the_device_missed_is_presented_again_and_not_asked_about():
     assert row.sensed_1_n == pytest.approx(row.held_1_n + 0.4)
     person.press(screens.ENTER)
     assert isinstance(person.flow.activity, Meet)
-    person.complete(met())
+    person.complete()
     person.complete()
     assert person.flow.screen.kind is ScreenKind.QUESTION
     assert person.flow.procedure.question() == question

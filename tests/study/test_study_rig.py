@@ -176,16 +176,6 @@ def test_each_trial_is_recorded_beside_the_table_and_no_recording_is_overwritten
     assert record_trials(settings, "none", {}) is None
 
 
-def test_a_recording_that_cannot_be_written_ends_the_session_but_loses_no_answer(tmp_path):
-    settings = settings_of(tmp_path, 3)
-    settings.folder.mkdir(parents=True)
-    (settings.folder / "recordings").write_text("a file where the folder should be")
-    _, played = run(rig_with(push(0.3)), Meet(), STIMULUS)
-    keep = record_trials(settings, "npz", {})
-    with pytest.raises(FileError, match="recordings"):
-        keep(OrderRow(event="trial", participant="03", session=1, this_n=0), played)
-
-
 def test_a_clock_that_is_set_back_changes_the_date_and_nothing_else(tmp_path):
     dates = iter(f"2026-11-{day:02}" for day in range(29, 0, -1))
     settings, rig = settings_of(tmp_path, 3), GivenRig()
@@ -215,13 +205,13 @@ def test_a_second_measurement_keeps_the_first(tmp_path):
     assert paths == ["03.toml", "03.toml", "03-session-2.toml"]
 
 
-def test_what_fails_beside_a_session_ends_it_after_the_row_is_stored(tmp_path):
-    def fail(*_):
-        raise FileError("the recording cannot be written")
-
+def test_a_recording_that_cannot_be_written_ends_the_session_after_the_row_is_stored(tmp_path):
     settings, rig = settings_of(tmp_path, 3), GivenRig()
-    with open_session(settings, rig.now_us()) as (flow, store), pytest.raises(FileError, match="cannot be written"):
-        asyncio.run(conduct(flow, rig, WillingFront(rig), store, date=lambda: "", on_outcome=fail))
+    settings.folder.mkdir(parents=True)
+    (settings.folder / "recordings").write_text("a file where the folder should be")
+    keep = record_trials(settings, "npz", {})
+    with open_session(settings, rig.now_us()) as (flow, store), pytest.raises(FileError, match="recordings"):
+        asyncio.run(conduct(flow, rig, WillingFront(rig), store, date=lambda: "", on_outcome=keep))
     assert [row.event for row in read_table(settings.table, OrderRow)] == [
-        "begin", "consent", "meet", "started"
+        "begin", "consent", "meet", "started", "practice"
     ]  # fmt: skip
