@@ -12,6 +12,7 @@ from hapticnet.errors import FileError, SettingsError
 from hapticnet.recordings.session.frames import FrameKind, pack_begin
 from hapticnet.recordings.session.reading import read_session
 from hapticnet.recordings.session.sink import UNFINISHED
+from tests.cli.test_cli_errors import assert_only_line
 from tests.recordings.session_cases import (
     ABOUT,
     EVENTS,
@@ -57,9 +58,7 @@ def test_recover_completes_and_says_so(run, tmp_path):
     write_session(tmp_path / "run.mcap", ticks=TICKS, finish=False)
     copy = tmp_path / f"copy.mcap{UNFINISHED}"
     shutil.copy(tmp_path / f"run.mcap{UNFINISHED}", copy)
-    done = run("info", tmp_path / "copy.mcap")
-    assert done.returncode == FileError.exit_code
-    assert f"run 'hapticnet recover {copy}'" in done.stderr
+    assert_only_line(run("info", tmp_path / "copy.mcap"), f"run 'hapticnet recover {copy}'", code=FileError.exit_code)
     done = run("recover", copy, "--json")
     assert json.loads(done.stdout)["file"] == str(tmp_path / "copy.mcap")
     assert "complete        no; the file that it comes from was cut off" in run("info", tmp_path / "copy.mcap").stdout
@@ -112,9 +111,7 @@ def test_export_writes_parquet_with_the_configuration(run, recording, tmp_path):
     ],
 )
 def test_an_export_that_cannot_be_meant_is_refused(run, recording, arguments, message):
-    done = run("export", recording, *arguments)
-    assert done.returncode == SettingsError.exit_code
-    assert message in done.stderr
+    assert_only_line(run("export", recording, *arguments), message, code=SettingsError.exit_code)
 
 
 @pytest.mark.parametrize(
@@ -133,19 +130,17 @@ def test_an_export_of_what_is_no_recording_says_so_and_writes_nothing(run, tmp_p
     (tmp_path / "noise.bin").write_bytes(bytes(range(256)))
     np.savez(tmp_path / "array.npz", x=np.arange(3))
     before = sorted(tmp_path.iterdir())
-    done = run("export", tmp_path / name, "--format", form)
-    assert done.returncode == FileError.exit_code
-    assert f"{tmp_path / name}: {words}" in done.stderr
+    said = f"{tmp_path / name}: {words}"
+    assert_only_line(run("export", tmp_path / name, "--format", form), said, code=FileError.exit_code)
     assert sorted(tmp_path.iterdir()) == before
 
 
 @pytest.mark.parametrize("name", ["run.about.json", "run.events.csv", "run.datagrams.csv"])
 def test_a_part_of_a_recording_is_not_read_as_a_force(run, tmp_path, name):
     write_session(tmp_path / "run.csv", ticks=10)
+    said = f"a part of a recording; name its main file, {tmp_path / 'run.csv'}"
     for verb in ("encode", "compare", "replay"):
-        done = run(verb, tmp_path / name)
-        assert done.returncode == FileError.exit_code
-        assert f"a part of a recording; name its main file, {tmp_path / 'run.csv'}" in done.stderr
+        assert_only_line(run(verb, tmp_path / name), said, code=FileError.exit_code)
 
 
 def test_an_existing_file_is_exported_over_only_with_force(run, recording, tmp_path):
@@ -183,11 +178,9 @@ def test_info_shows_a_person_a_line_for_each_event_and_what_was_in_force_when(ru
 
 def test_replay_refuses_what_does_not_fit(run, tmp_path):
     write_session(tmp_path / "run.csv", ticks=10, axes=3)
-    done = run("replay", tmp_path / "run.csv", "--force-column", "held_x_n")
-    assert done.returncode == SettingsError.exit_code
-    assert "a force of 1 axis for positions of 3" in done.stderr
-    done = run("replay", tmp_path / "run.csv", "--force-column", "held_x_n", "--connect", "127.0.0.1:9")
-    assert "with --connect the slave's scene makes the force" in done.stderr
+    words = ("replay", tmp_path / "run.csv", "--force-column", "held_x_n")
+    assert_only_line(run(*words), "a force of 1 axis for positions of 3", code=SettingsError.exit_code)
+    assert_only_line(run(*words, "--connect", "127.0.0.1:9"), "with --connect the slave's scene makes the force")
 
 
 def test_nothing_in_a_file_speaks_to_the_terminal(run, tmp_path):

@@ -103,8 +103,7 @@ def test_the_jnd_is_measured_and_the_ordering_task_uses_it(folder):
     (folder / "plan.toml").write_text(PLAN + "[jnd]\nmeasured = 'required'\n")
     words = ("--participant", "03", "--plan", "plan.toml", "--simulate", "literature")
     done = experiment(folder, "order", *words)
-    assert done.returncode == 2
-    assert "measure it first, with 'hapticnet experiment limits --participant 03'" in done.stderr
+    assert_only_line(done, "measure it first, with 'hapticnet experiment limits --participant 03'", code=2)
     assert not (folder / "study").exists()
 
     done = experiment(folder, "limits", *words)
@@ -170,13 +169,12 @@ def test_people_and_simulated_observers_are_kept_in_folders_apart(folder):
     words = ("--participant", "01", "--plan", "plan.toml")
     assert experiment(folder, "limits", *words, "--simulate", "literature").returncode == 0
     person = experiment(folder, "limits", "--participant", "02", "--plan", "plan.toml")
-    assert person.returncode == 2
-    assert "study has answers of the simulated observer 'literature' (participant 01); keep people" in person.stderr
+    told = "study has answers of the simulated observer 'literature' (participant 01); keep people"
+    assert_only_line(person, told, code=2)
     table = next((folder / "study").glob("sub-01/ses-1/limits/*.tsv"))
     table.write_text(table.read_text().replace("literature", "n/a"))
     simulated = experiment(folder, "order", "--participant", "02-03", *words[2:], "--simulate", "literature")
-    assert simulated.returncode == 2
-    assert "study has answers of a person (participant 01)" in simulated.stderr
+    assert_only_line(simulated, "study has answers of a person (participant 01)", code=2)
     assert sorted(each.name for each in (folder / "study").iterdir()) == ["participants", "plan.toml", "sub-01"]
 
 
