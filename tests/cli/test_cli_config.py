@@ -10,6 +10,7 @@ FILE = """
 codec = "raw"
 rate = 500
 real-time = false
+passive = true
 
 [device.step]
 from = 0.7
@@ -33,12 +34,13 @@ def resolved(done):
 
 def test_the_command_line_precedes_the_environment_which_precedes_the_file(run, rig):
     done = run(
-        "config", "--json", "master", "--config", rig, "--weber", "0.1", "--rate", "250",
+        "config", "--json", "master", "--config", rig, "--weber", "0.1", "--rate", "250", "--no-passive",
         HAPTICNET_MASTER_RATE="300", HAPTICNET_MASTER_CODEC="deadband", HAPTICNET_MASTER_FLOOR="0.03",
     )  # fmt: skip
     values = resolved(done)
     assert values["rate"] == (250.0, "command line")
     assert values["weber"] == (0.1, "command line")
+    assert values["passive"] == (False, "command line")
     assert values["codec"] == ("deadband", "HAPTICNET_MASTER_CODEC")
     assert values["floor"] == (0.03, "HAPTICNET_MASTER_FLOOR")
     assert values["real-time"] == (False, f"{rig} [master]")
@@ -63,7 +65,8 @@ def test_without_a_verb_everything_that_is_set_is_listed(run, rig):
     lines = [line.split() for line in done.stdout.splitlines()]
     assert ["master", "--codec", "raw", str(rig), "[master]"] in lines
     assert ["slave", "--seed", "4", "HAPTICNET_SLAVE_SEED"] in lines
-    assert len(lines) == 6
+    assert ["master", "--passive", "yes", str(rig), "[master]"] in lines
+    assert len(lines) == 7
     assert "neither a file nor the environment" in run("config").stdout
     shared = [line.split() for line in run("config", HAPTICNET_KEY="mine.toml").stdout.splitlines()]
     assert ["slave", "--key", "mine.toml", "HAPTICNET_KEY"] in shared

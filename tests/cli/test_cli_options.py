@@ -56,14 +56,6 @@ def test_every_flag_can_be_switched_on_and_off():
             assert each.secondary_opts == [f"--no-{option_key(each)}"], verb
 
 
-def test_a_flag_that_a_file_switches_on_is_off_again_on_the_command_line(run, tmp_path):
-    file = tmp_path / "rig.toml"
-    file.write_text("[master]\npassive = true\n")
-    arguments = ("config", "--config", file, "master")
-    assert re.search(r"^--passive +yes ", run(*arguments).stdout, re.MULTILINE)
-    assert re.search(r"^--passive +no +command line", run(*arguments, "--no-passive").stdout, re.MULTILINE)
-
-
 @pytest.mark.parametrize(("ending", "value"), [("-dir", "DIR"), ("-format", "choice"), ("-timeout", "SECONDS")])
 def test_the_end_of_a_name_says_what_its_value_is(ending, value):
     assert {kind(each) for _, each in OPTIONS if option_key(each).endswith(ending)} == {value}
