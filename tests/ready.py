@@ -86,6 +86,17 @@ def wait_until(condition, within_s=PATIENCE_S):
     return found
 
 
+def fill(stream: int) -> int:
+    """Write to a pipe until it takes no more; return how much it holds."""
+    os.set_blocking(stream, False)
+    filled = 0
+    with suppress(BlockingIOError):
+        while True:
+            filled += os.write(stream, b".")
+    os.set_blocking(stream, True)
+    return filled
+
+
 def children_of(number):
     """Return the numbers of the processes that a process has started."""
     return [int(each) for each in Path(f"/proc/{number}/task/{number}/children").read_text().split()]

@@ -5,7 +5,6 @@ import time
 
 import pytest
 
-FAST = ("--json",)
 OWN = """
 class Interrupts:
     calls = 0
@@ -43,8 +42,8 @@ def hammer(process):
 
 @pytest.mark.parametrize("options", [(), ("--drain", "30")], ids=["plain", "drain"])
 def test_no_number_of_signals_costs_a_slave_its_report_or_its_code(start, serve, options):
-    slave, address = serve(*options, *FAST)
-    master = start("master", "--connect", address, "--duration", "60", *FAST)
+    slave, address = serve(*options, "--json")
+    master = start("master", "--connect", address, "--duration", "60", "--json")
     slave.wait_for("joined")
     assert hammer(slave) == 0
     assert slave.report()["sessions"]
@@ -62,9 +61,9 @@ def test_no_number_of_signals_costs_a_slave_its_report_or_its_code(start, serve,
 )
 def test_a_scene_that_raises_what_a_signal_would_fails_like_any_other(start, serve, tmp_path, kind, said):
     (tmp_path / "own.py").write_text(OWN)
-    slave, address = serve("--scene", f"{tmp_path}/own.py:{kind}", *FAST)
+    slave, address = serve("--scene", f"{tmp_path}/own.py:{kind}", "--json")
     for _ in range(2):
-        master = start("master", "--connect", address, "--positions", "line", *FAST)
+        master = start("master", "--connect", address, "--positions", "line", "--json")
         assert master.process.wait(20) == 4
     assert slave.end() == 1
     sessions = slave.report()["sessions"]

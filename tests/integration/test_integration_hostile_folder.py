@@ -3,7 +3,6 @@
 import re
 import subprocess
 import sys
-import time
 import urllib.request
 from contextlib import suppress
 from pathlib import Path
@@ -12,7 +11,7 @@ import pytest
 
 import hapticnet
 from hapticnet.recordings.session.reading import read_session
-from tests.integration.conftest import PATIENCE_S
+from tests.ready import PATIENCE_S, wait_until
 
 ROOT = Path(hapticnet.__file__).parents[1]
 PACKAGES = ("numpy", "msgpack", "mcap", "prometheus_client", "typer", "uvloop", "pyarrow", "numba", "hapticnet", "nt")
@@ -51,14 +50,10 @@ def run(*arguments: object) -> subprocess.CompletedProcess[str]:
     return done
 
 
-def line_with(pattern: str, file: Path) -> re.Match[str]:
-    """Wait until a process wrote such a line."""
-    deadline = time.monotonic() + PATIENCE_S
-    while time.monotonic() < deadline:
-        if found := re.search(pattern, file.read_text()):
-            return found
-        time.sleep(0.01)
-    pytest.fail(f"not said: {pattern!r}; said: {file.read_text()}")
+def answer_of(url: str) -> str:
+    with suppress(OSError):  # it does not answer yet
+        return urllib.request.urlopen(url, timeout=PATIENCE_S).read().decode()
+    return ""
 
 
 def test_the_processes_beside_a_master_and_a_slave_do_their_work(hostile):
@@ -70,16 +65,11 @@ def test_the_processes_beside_a_master_and_a_slave_do_their_work(hostile):
         subprocess.Popen(command("slave", *options, "--metrics", "127.0.0.1:0"), stderr=log) as slave,
     ):
         try:
-            address = line_with(r"listening on (\S+),", said)[1]
-            metrics = line_with(r"http://\S+/metrics", said)[0]
+            address = wait_until(lambda: re.search(r"listening on (\S+),", said.read_text()))[1]
+            metrics = wait_until(lambda: re.search(r"http://\S+/metrics", said.read_text()))[0]
             play = ("--no-real-time", "--record", "run.csv", "--duration", "1")
             run("master", "--connect", address, *play)
-            figures = ""
-            deadline = time.monotonic() + PATIENCE_S
-            while "hapticnet_" not in figures and time.monotonic() < deadline:
-                with suppress(OSError):
-                    figures = urllib.request.urlopen(metrics, timeout=PATIENCE_S).read().decode()
-            assert "hapticnet_" in figures
+            wait_until(lambda: "hapticnet_" in answer_of(metrics))
         finally:
             slave.terminate()
     assert slave.returncode == 0, said.read_text()

@@ -34,6 +34,9 @@ class Keys:
         self.list = folder / "masters.toml"
         self.list.write_text(self.first_table)
 
+    def of_slave(self) -> tuple[str, ...]:
+        return "--key", str(self.folder / "slave.toml"), "--masters", str(self.list)
+
     def of(self, name: str) -> tuple[str, ...]:
         return "--key", str(self.folder / f"{name}.toml"), "--peer-key", self.slave
 
@@ -48,8 +51,7 @@ def sealed(serve, keys) -> Callable[..., tuple]:
     """Return what starts a slave with the keys, and returns it with its address."""
 
     def start_slave(*more: str):
-        own = ("--key", str(keys.folder / "slave.toml"), "--masters", str(keys.list))
-        return serve("--json", *own, *more)
+        return serve("--json", *keys.of_slave(), *more)
 
     return start_slave
 
@@ -155,7 +157,7 @@ def test_a_list_that_is_read_again_admits_and_ends_masters(start, sealed, keys):
 def test_a_slave_whose_terminal_is_closed_ends_with_its_report(keys, tmp_path):
     terminal, its_end = os.openpty()
     report = tmp_path / "slave.json"
-    arguments = ["slave", "--listen", "127.0.0.1:0", "--key", keys.folder / "slave.toml", "--masters", keys.list]
+    arguments = ["slave", "--listen", "127.0.0.1:0", *keys.of_slave()]
     process = subprocess.Popen(
         [sys.executable, "-m", "hapticnet", *arguments, "--report", report, "--no-real-time"],
         cwd=ROOT,
@@ -183,38 +185,40 @@ def test_hangup_of_a_slave_without_a_list_changes_nothing(start, slave):
     start("master", "--connect", address, *FAST).wait_for("connected to")
 
 
+@pytest.fixture
+def insertion(start, sealed, keys) -> Callable[..., tuple[dict, dict]]:
+    """Return what plays an insertion through a link; it returns the session of the slave and the master's report."""
+
+    def play(link: str, *options: str, slave: tuple[str, ...] = ()) -> tuple[dict, dict]:
+        server, address = sealed("--scene", "paper:1", *slave)
+        options = (*options, "--insertions", "1", "--json", "--channel-out", link, "--channel-in", link)
+        master = start("master", "--connect", address, *keys.of("first"), *options, *FAST)
+        assert master.process.wait(30) == 0, master.said()
+        assert server.end() == 0
+        (session,) = server.report()["sessions"]
+        assert session["breaches"] == 3
+        return session, master.report()
+
+    return play
+
+
 @pytest.mark.parametrize("announce", ["declared", "measured"])
-def test_the_contact_ahead_is_announced_over_a_real_network(start, sealed, keys, announce):
-    server, address = sealed("--scene", "paper:1", "--announce", announce)
-    link = "--channel-out", "delay=20ms,loss=2%", "--channel-in", "delay=20ms,loss=2%"
-    master = start(
-        "master", "--connect", address, *keys.of("first"), "--announced", "--insertions", "1", "--json", *link, *FAST
-    )
-    assert master.process.wait(30) == 0, master.said()
-    assert server.end() == 0
-    (session,) = server.report()["sessions"]
+def test_the_contact_ahead_is_announced_over_a_real_network(insertion, announce):
+    session, report = insertion("delay=20ms,loss=2%", "--announced", slave=("--announce", announce))
     account = session["announced"]
-    assert session["breaches"] == 3
     assert account["models"] >= 1
     assert account["unusable"] == 0
     assert account["on_model"] > 0.5 * session["steps"]
-    assert master.report()["ticks_on_model"] > 0.5 * master.report()["ticks"]
+    assert report["ticks_on_model"] > 0.5 * report["ticks"]
     assert session["sent"]["by_kind"]["force"] < 0.1 * session["steps"]
 
 
-def test_positions_are_sent_when_they_matter_over_a_real_network(start, sealed, keys):
-    server, address = sealed("--scene", "paper:1")
-    link = "--channel-out", "delay=10ms,loss=1%", "--channel-in", "delay=10ms,loss=1%"
-    options = "--positions", "line", "--codec", "adaptive-predictive", "--insertions", "1", "--json"
-    master = start("master", "--connect", address, *keys.of("first"), *options, *link, *FAST)
-    assert master.process.wait(30) == 0, master.said()
-    assert server.end() == 0
-    (session,) = server.report()["sessions"]
-    positions = master.report()["positions"]
-    assert session["breaches"] == 3
+def test_positions_are_sent_when_they_matter_over_a_real_network(insertion):
+    session, report = insertion("delay=10ms,loss=1%", "--positions", "line", "--codec", "adaptive-predictive")
+    positions = report["positions"]
     assert session["between"] > 0.5 * positions["ticks"]
     assert positions["sent"] < 0.25 * positions["ticks"]
-    assert master.report()["connections"] == 1
+    assert report["connections"] == 1
 
 
 FIPS_ONLY = """openssl_conf = init
@@ -231,9 +235,8 @@ def test_where_openssl_has_not_the_algorithms_sealed_sessions_are_refused_and_op
     """As in FIPS mode; this OpenSSL has no FIPS provider at all, so it is left with no algorithm."""
     (tmp_path / "openssl.cnf").write_text(FIPS_ONLY)
     without = ("env", f"OPENSSL_CONF={tmp_path / 'openssl.cnf'}")
-    sealed_slave = ("--key", str(keys.folder / "slave.toml"), "--masters", str(keys.list))
     commands = (
-        ("slave", "--listen", "127.0.0.1:0", *sealed_slave),
+        ("slave", "--listen", "127.0.0.1:0", *keys.of_slave()),
         ("master", "--connect", "127.0.0.1:9", *keys.of("first"), *FAST),
         ("key", "new", str(tmp_path / "new.toml")),
         ("key", "public", str(keys.folder / "slave.toml")),

@@ -4,7 +4,6 @@ import numpy as np
 
 from hapticnet.recordings.session.reading import read_session
 
-FAST = ("--json",)
 PATIENCE_S = 30.0
 
 
@@ -12,17 +11,17 @@ def test_a_session_is_played_again_to_a_slave_and_without_one(start, tmp_path, s
     process, address = slave
     first, again, offline = tmp_path / "first.mcap", tmp_path / "again.mcap", tmp_path / "offline.mcap"
     quick = ("--rate", "500", "--duration", "1.5")
-    master = start("master", "--connect", address, "--codec", "raw", *quick, "--record", str(first), *FAST)
+    master = start("master", "--connect", address, "--codec", "raw", *quick, "--record", str(first), "--json")
     assert master.process.wait(PATIENCE_S) == 0, master.said()
 
     # Its hand to the same slave: another session feels the same scene.
-    replay = start("replay", str(first), "--connect", address, "--codec", "raw", "--record", str(again), *FAST)
+    replay = start("replay", str(first), "--connect", address, "--codec", "raw", "--record", str(again), "--json")
     assert replay.process.wait(PATIENCE_S) == 0, replay.said()
     assert replay.report()["scene"] == "paper:1"
     assert process.end() == 0
 
     # Its force, through a codec, without that slave.
-    replay = start("replay", str(first), "--codec", "deadband", "--record", str(offline), *FAST)
+    replay = start("replay", str(first), "--codec", "deadband", "--record", str(offline), "--json")
     assert replay.process.wait(PATIENCE_S) == 0, replay.said()
     report = replay.report()
     assert report["scene"] == "recording:first.mcap"

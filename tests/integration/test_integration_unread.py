@@ -12,18 +12,7 @@ from pathlib import Path
 import pytest
 
 from tests.integration.conftest import PATIENCE_S
-from tests.ready import wait_until
-
-
-def fill(stream: int) -> None:
-    """Write to a pipe or a terminal until it takes no more."""
-    os.set_blocking(stream, False)
-    try:
-        while True:
-            os.write(stream, b".")
-    except BlockingIOError:
-        pass
-    os.set_blocking(stream, True)
+from tests.ready import fill, wait_until
 
 
 @pytest.fixture

@@ -25,6 +25,7 @@ from hapticnet.runtime.nonblocking_log import (
     write_watched,
 )
 from hapticnet.runtime.system import start_background
+from tests.ready import fill
 
 
 @dataclass
@@ -34,15 +35,7 @@ class Pipe:
 
     def fill(self) -> int:
         """Fill the pipe; return how much it holds."""
-        os.set_blocking(self.writer.fileno(), False)
-        filled = 0
-        try:
-            while True:
-                filled += os.write(self.writer.fileno(), b"." * 4096)
-        except BlockingIOError:
-            pass
-        os.set_blocking(self.writer.fileno(), True)
-        return filled
+        return fill(self.writer.fileno())
 
     def close_reader(self) -> None:
         nowhere = os.open(os.devnull, os.O_RDONLY)

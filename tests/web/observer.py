@@ -3,7 +3,6 @@
 import asyncio
 import contextlib
 import threading
-import time
 from collections.abc import Callable
 from typing import Any
 from urllib.parse import urlsplit
@@ -11,9 +10,8 @@ from urllib.parse import urlsplit
 import aiohttp
 import numpy as np
 
+from tests.ready import wait_until
 from tests.web.rig import Client
-
-WITHIN_S = 60.0
 
 
 class Observer:
@@ -47,10 +45,7 @@ class Observer:
 
     def until(self, condition: Callable[[Client], bool]) -> None:
         """Wait until what came fulfils a condition."""
-        end_s = time.monotonic() + WITHIN_S
-        while self.client is None or not condition(self.client):
-            assert time.monotonic() < end_s, self.client and self.client.json[-3:]
-            time.sleep(0.02)
+        wait_until(lambda: self.client is not None and condition(self.client))
 
     def frame(self) -> dict[str, Any]:
         assert self.client is not None

@@ -1,6 +1,6 @@
 """The page's modules that compute: messages, history, clock, shapes and texts, run in a browser."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from typing import Any
 
 import numpy as np
@@ -13,24 +13,18 @@ pytest.importorskip("playwright")
 from tests.web.staged import ORIGIN, Stage, serve_files
 
 
-class Modules:
-    """Runs a function that gets all exports of one module."""
-
-    def __init__(self, stage: Stage) -> None:
-        self._stage = stage
-
-    def run(self, module: str, code: str, argument: Any = None) -> Any:
-        load = f"const m = await import('/static/{module}.js');"
-        script = f"async (argument) => {{ {load} return ({code})(m, argument); }}"
-        return self._stage.page.evaluate(script, argument)
-
-
 @pytest.fixture(scope="module")
-def modules(chromium) -> Iterator[Modules]:
+def run_module(chromium) -> Iterator[Callable[..., Any]]:
+    """Return what runs a function that gets all exports of one module."""
     stage = Stage(chromium.new_page())
     serve_files(stage.page, stage)
     stage.page.goto(f"{ORIGIN}/static/icon.svg")
-    yield Modules(stage)
+
+    def run(module: str, code: str, argument: Any = None) -> Any:
+        load = f"const m = await import('/static/{module}.js');"
+        return stage.page.evaluate(f"async (argument) => {{ {load} return ({code})(m, argument); }}", argument)
+
+    yield run
     stage.page.close()
 
 
@@ -40,32 +34,32 @@ DECODE = """(m, bytes) => {
 }"""
 
 
-def test_a_page_reads_what_the_server_writes(modules: Modules):
+def test_a_page_reads_what_the_server_writes(run_module):
     frame = messages.frame(HandState.HOLDING, 7, 12.5, 0.25, (0.25, 0.5), (1, 2))
-    assert modules.run("wire", DECODE, list(frame)) == {
+    assert run_module("wire", DECODE, list(frame)) == {
         "kind": "frame", "handState": "holding", "number": 7, "handTimeMs": 12.5, "tipM": 0.25,
         "surfacesM": [0.25, 0.5], "contacts": [1, 2],
     }  # fmt: skip
     samples = messages.samples(2**32 - 1, 1.5, np.arange(6.0).reshape(2, 3))
-    assert modules.run("wire", DECODE, list(samples)) == {
+    assert run_module("wire", DECODE, list(samples)) == {
         "kind": "samples", "rows": 3, "firstRow": 2**32 - 1, "startS": 1.5, "columns": [[0, 1, 2], [3, 4, 5]]
     }  # fmt: skip
 
 
 @pytest.mark.parametrize("kept", [0, 1, 15, 19, 25])
-def test_a_page_takes_no_message_that_is_cut_off(modules: Modules, kept: int):
+def test_a_page_takes_no_message_that_is_cut_off(run_module, kept: int):
     frame = messages.frame(HandState.FREE, 1, 0.0, 0.0, (0.1, 0.2), (0, 0))
     samples = messages.samples(0, 0.0, np.zeros((2, 3)))
-    assert modules.run("wire", DECODE, list(frame[:kept])) is None
-    assert modules.run("wire", DECODE, list(samples[:kept])) is None
+    assert run_module("wire", DECODE, list(frame[:kept])) is None
+    assert run_module("wire", DECODE, list(samples[:kept])) is None
 
 
-def test_the_server_reads_hands_as_a_page_writes_them(modules: Modules):
-    data = modules.run("wire", "(m) => [...new Uint8Array(m.encodeHand(0.015625, 1234.5))]")
+def test_the_server_reads_hands_as_a_page_writes_them(run_module):
+    data = run_module("wire", "(m) => [...new Uint8Array(m.encodeHand(0.015625, 1234.5))]")
     assert messages.parse_binary(bytes(data)) == messages.Hand(0.015625, 1234.5)
 
 
-def test_the_history_keeps_the_newest_rows_in_order_and_counts_those_that_are_missing(modules: Modules):
+def test_the_history_keeps_the_newest_rows_in_order_and_counts_those_that_are_missing(run_module):
     code = """(m) => {
       const history = new m.History(["held"], 10);
       let row = 0;
@@ -82,12 +76,12 @@ def test_the_history_keeps_the_newest_rows_in_order_and_counts_those_that_are_mi
       }
       return [[...history.column("held")], [...history.time], history.missed, history.last("held"), late.missed];
     }"""
-    held, time, missed, last, missed_late = modules.run("history", code)
+    held, time, missed, last, missed_late = run_module("history", code)
     assert held == time == list(range(39, 49))
     assert (missed, last, missed_late) == (5, 48, 0)
 
 
-def test_the_time_of_the_plot_runs_evenly_although_messages_do_not(modules: Modules):
+def test_the_time_of_the_plot_runs_evenly_although_messages_do_not(run_module):
     code = """(m) => {
       const clock = new m.Clock();
       const shown = [];
@@ -98,7 +92,7 @@ def test_the_time_of_the_plot_runs_evenly_although_messages_do_not(modules: Modu
       }
       return shown;
     }"""
-    steps = np.diff(modules.run("clock", code)[60:])
+    steps = np.diff(run_module("clock", code)[60:])
     assert steps.min() > 0.5 / 60
     assert steps.max() < 1.5 / 60
 
@@ -114,6 +108,6 @@ def test_the_time_of_the_plot_runs_evenly_although_messages_do_not(modules: Modu
         ("linkState('stale').join(' ')", "warn Link stale"),
     ],
 )
-def test_numbers_and_states_in_words(modules: Modules, call: str, text: str):
+def test_numbers_and_states_in_words(run_module, call: str, text: str):
     names = "newtons, bytes, percent, thresholdWords, handWords, linkState"
-    assert modules.run("words", f"({{ {names} }}) => {call}") == text
+    assert run_module("words", f"({{ {names} }}) => {call}") == text
