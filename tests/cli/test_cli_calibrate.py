@@ -1,6 +1,6 @@
 """Calibrating: from a file, and the guided way without a terminal."""
 
-import contextlib
+import asyncio
 import datetime
 import json
 import os
@@ -8,7 +8,7 @@ import subprocess
 import sys
 import threading
 import time
-import tty
+from queue import Queue
 
 import pytest
 
@@ -19,6 +19,7 @@ from hapticnet.device.simulated import Sensor
 from hapticnet.errors import FileError, SettingsError
 from tests.device.standin import StandIn
 from tests.ready import ROOT
+from tests.runtime.plugged import Plugged
 
 FORCES_N = (0.2, 0.5, 1.0, 2.0, 3.0, 5.0, 3.0, 2.0, 1.0, 0.5)
 
@@ -161,27 +162,20 @@ def test_a_saturated_pair_is_said_to_be_one_and_a_clock_that_leaps_ends_a_measur
 @pytest.fixture
 def plugged():
     """Return a stand-in for the device and the pseudo-terminal it is on."""
-    firmware = StandIn()
-    master, slave = os.openpty()
-    tty.setraw(slave)
-    os.set_blocking(master, False)
-    ended = threading.Event()
+    firmware, ports, ended = StandIn(), Queue(), threading.Event()
 
-    def live():
-        while not ended.wait(0.001):
-            with contextlib.suppress(BlockingIOError):
-                firmware.receive(os.read(master, 4096))
-            firmware.tick()
-            with contextlib.suppress(BlockingIOError):
-                os.write(master, firmware.take_sent())
+    async def live():
+        device = Plugged(firmware)
+        ports.put(device.path)
+        while not ended.is_set():
+            await asyncio.sleep(0.01)
+        device.unplug()
 
-    thread = threading.Thread(target=live)
+    thread = threading.Thread(target=lambda: asyncio.run(live()))
     thread.start()
-    yield firmware, os.ttyname(slave)
+    yield firmware, ports.get()
     ended.set()
     thread.join()
-    os.close(slave)
-    os.close(master)
 
 
 @pytest.fixture

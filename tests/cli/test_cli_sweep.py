@@ -66,10 +66,6 @@ def swept(run, study, tmp_path, tmp_path_factory):
     return out
 
 
-def one_line(done, code, text):
-    assert_only_line(done, text, code=code)
-
-
 def test_a_dry_run_counts_the_runs_and_times_some(run, study, tmp_path):
     done = run("sweep", "run", study, "--dry-run", "--json", "--jobs", "3", "--repeats", "1000")
     told = json.loads(done.stdout)
@@ -140,16 +136,18 @@ def test_show_groups_and_selects_as_asked(run, swept):
 )
 def test_show_tells_what_it_does_not_have(run, swept, monkeypatch, tmp_path, arguments, text):
     monkeypatch.chdir(tmp_path)
-    one_line(run("sweep", "show", swept, *arguments), 2, text)
+    assert_only_line(run("sweep", "show", swept, *arguments), text, code=2)
 
 
 def test_the_folder_of_another_study_is_refused_and_kept(run, study, swept):
     before = {path.name: path.read_bytes() for path in swept.iterdir()}
     study.write_text(STUDY.replace("[1, 2.5]", "[1, 3]"))
-    one_line(run("sweep", study, "--out-dir", swept), 2, "another study ('small'), or this study was changed since")
+    assert_only_line(
+        run("sweep", study, "--out-dir", swept), "another study ('small'), or this study was changed since", code=2
+    )
     study.write_text(STUDY)
     (study.parent / "force.csv").write_text("t_s,force_n\n0,1\n0.001,2\n")
-    one_line(run("sweep", study, "--out-dir", swept), 2, "this study was changed since")
+    assert_only_line(run("sweep", study, "--out-dir", swept), "this study was changed since", code=2)
     assert {path.name: path.read_bytes() for path in swept.iterdir()} == before
 
 
@@ -162,13 +160,17 @@ def test_a_damaged_or_foreign_shard_is_named(run, study, swept):
             open_results(Store(swept))
     shard.write_bytes(content[:100] + b"!" + content[101:])
     for verb in (("sweep", "show", swept), ("sweep", study, "--out-dir", swept)):
-        one_line(run(*verb), 3, f"{shard} was changed or damaged; remove it, and its runs are computed again")
+        assert_only_line(
+            run(*verb), f"{shard} was changed or damaged; remove it, and its runs are computed again", code=3
+        )
     shard.write_bytes(content[:-20])
-    one_line(run("sweep", study, "--out-dir", swept), 3, f"{shard} is not a whole shard of a study; remove it")
+    assert_only_line(
+        run("sweep", study, "--out-dir", swept), f"{shard} is not a whole shard of a study; remove it", code=3
+    )
     shard.unlink()
     foreign = swept / shard_name(Shard(6, 11), content)
     foreign.write_bytes(content)
-    one_line(run("sweep", study, "--out-dir", swept), 3, "which its name does not say")
+    assert_only_line(run("sweep", study, "--out-dir", swept), "which its name does not say", code=3)
     foreign.unlink()
     done = run("sweep", study, "--out-dir", swept, "--jobs", "1", "--json")
     assert json.loads(done.stdout)["computed"] == 5
@@ -177,17 +179,17 @@ def test_a_damaged_or_foreign_shard_is_named(run, study, swept):
 def test_a_folder_that_another_sweep_writes_to_is_left_alone(run, study, swept):
     with (swept / "sweep.lock").open("w") as lock:
         fcntl.flock(lock, fcntl.LOCK_EX)
-        one_line(run("sweep", study, "--out-dir", swept), 4, "another sweep is at work in this folder")
+        assert_only_line(run("sweep", study, "--out-dir", swept), "another sweep is at work in this folder", code=4)
 
 
 def test_what_is_missing_on_the_command_line_or_the_machine_is_told(run, study, swept, tmp_path, monkeypatch):
-    one_line(run("sweep", study), 2, "--out-dir DIR is missing")
-    one_line(run("sweep", tmp_path / "none.toml", "--out-dir", tmp_path / "x"), 3, "No such file")
-    one_line(run("sweep", study, "--out-dir", study), 3, "study.toml")
-    one_line(run("sweep", study, "--out-dir", tmp_path / "x", "--jobs", "0"), 2, "--jobs")
+    assert_only_line(run("sweep", study), "--out-dir DIR is missing", code=2)
+    assert_only_line(run("sweep", tmp_path / "none.toml", "--out-dir", tmp_path / "x"), "No such file", code=3)
+    assert_only_line(run("sweep", study, "--out-dir", study), "study.toml", code=3)
+    assert_only_line(run("sweep", study, "--out-dir", tmp_path / "x", "--jobs", "0"), "--jobs", code=2)
     both = ("--jobs", "1", "--scheduler", "tcp://127.0.0.1:1")
-    one_line(run("sweep", study, "--out-dir", tmp_path / "x", *both), 2, "give one of them")
-    one_line(run("sweep", "show", tmp_path), 3, "is not a folder that hapticnet sweep wrote")
+    assert_only_line(run("sweep", study, "--out-dir", tmp_path / "x", *both), "give one of them", code=2)
+    assert_only_line(run("sweep", "show", tmp_path), "is not a folder that hapticnet sweep wrote", code=3)
     for package, arguments in (
         ("pyarrow", (study, "--out-dir", tmp_path / "x")),
         ("duckdb", ("show", swept)),
@@ -195,7 +197,7 @@ def test_what_is_missing_on_the_command_line_or_the_machine_is_told(run, study, 
     ):
         with monkeypatch.context() as patch:
             patch.setitem(sys.modules, package, None)
-            one_line(run("sweep", *arguments), 4, "pip install ")
+            assert_only_line(run("sweep", *arguments), "pip install ", code=4)
 
 
 def test_a_signal_ends_the_sweep_with_its_code_after_the_shards_in_hand(run, study, tmp_path, monkeypatch):

@@ -61,8 +61,8 @@ def public(key):
     return X25519PrivateKey.from_private_bytes(key).public_key().public_bytes_raw()
 
 
-def ends(grant):
-    """Return both ends with the fixed keys."""
+def shake_hands(grant):
+    """Return both ends, with the fixed keys, and the datagrams of their handshake: HELLO, COOKIE, HELLO, WELCOME."""
     slave_public = public(KEYS["slave_private"])
     psk = KEYS["psk"]
     master = Master(
@@ -71,12 +71,6 @@ def ends(grant):
     slave = Slave(
         KEYS["slave_private"], slave_public, grant, cookie=COOKIE_VALUE, psk=psk, ephemeral=KEYS["slave_ephemeral"]
     )
-    return master, slave
-
-
-def shake_hands(grant):
-    """Return both ends and the four datagrams of their handshake: HELLO, COOKIE, HELLO, WELCOME."""
-    master, slave = ends(grant)
     hello = master.hello()
     _, _, cookie = slave.receive(hello)
     master.receive(cookie)
