@@ -3,8 +3,8 @@
 import os
 import sys
 from collections.abc import Callable
-from dataclasses import dataclass
 from pathlib import Path
+from subprocess import CompletedProcess
 
 import pytest
 
@@ -12,21 +12,14 @@ from hapticnet import cli
 from hapticnet.runtime.nonblocking_log import STDERR, Form
 
 
-@dataclass(frozen=True)
-class Done:
-    returncode: int
-    stdout: str
-    stderr: str
-
-
 @pytest.fixture
-def run(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Callable[..., Done]:
+def run(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Callable[..., CompletedProcess[str]]:
     """Return what runs a command line with environment variables of its own."""
     for name in list(os.environ):
         if name.startswith("HAPTICNET_"):
             monkeypatch.delenv(name)
 
-    def command(*arguments: object, **environment: str) -> Done:
+    def command(*arguments: object, **environment: str) -> CompletedProcess[str]:
         with monkeypatch.context() as patch:
             patch.setattr(STDERR, "form", Form.PLAIN)
             patch.setattr(sys, "argv", ["hapticnet", *map(str, arguments)])
@@ -36,7 +29,7 @@ def run(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> 
                 cli.main()
         printed = capsys.readouterr()
         assert isinstance(end.value.code, int)
-        return Done(end.value.code, printed.out, printed.err)
+        return CompletedProcess(arguments, end.value.code, printed.out, printed.err)
 
     return command
 

@@ -94,7 +94,6 @@ def test_an_empty_value_in_a_file_is_refused(run, tmp_path):
     ("words", "right"),
     [
         (("slave", "--add-codec", "deadbnad"), "unknown codec 'deadbnad' (did you mean 'deadband'?); there are: raw,"),
-        (("master", "--operator", "scriptd"), "(did you mean 'scripted'?)"),
         (("master", "--name", "x" * 65), "it must be 1 to 64 printable bytes"),
         (("master", "--positions", "lines"), "'lines' is not one of 'raw', 'line'"),
         (("demo", "--rate", "3"), "rate is 3.0 Hz; it must be between 20 and 100000 Hz"),
