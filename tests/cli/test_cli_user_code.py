@@ -94,7 +94,10 @@ def test_a_udp_operator_listens_on_loopback_unless_a_host_is_named():
 @pytest.mark.parametrize(
     ("spec", "message"),
     [
-        ("nobody", r"unknown operator 'nobody'; there are: scripted, palpation\[:axes=2\], page, trace:FILE"),
+        (
+            "scriptd",
+            r"unknown operator 'scriptd' \(did you mean 'scripted'\?\); there are: scripted, palpation\[:axes=2\]",
+        ),
         ("palpation:axes=4", "expected palpation"),
         ("udp:fast", "port 'fast' of address"),
         ("udp:1234:axes=4", r"expected udp:\[HOST:\]PORT, or udp:\[HOST:\]PORT:axes=1, 2 or 3"),
