@@ -51,6 +51,8 @@ def test_every_codec_stands_beside_the_optimum(traces):
     deadband = [row for row in rows if row["codec"] == "deadband"]
     assert [row["multiplier"] for row in deadband] == [1.0, 2.0]
     assert deadband[0]["exceed_jnd_fraction"] == 0.0 < deadband[1]["exceed_jnd_fraction"]
+    assert {row["sent"] for row in rows if row["codec"] == "raw"} == {1500}
+    assert 1500 > deadband[0]["sent"] > deadband[1]["sent"] > 0
 
 
 def test_what_differs_in_a_parameter_only_is_told_apart(traces):
@@ -63,8 +65,8 @@ def test_what_differs_in_a_parameter_only_is_told_apart(traces):
 
 def test_encode_and_compare_call_the_same_figures_the_same(traces):
     arguments = (traces[0], "--force-column", "fx", "--json", "--codec")
-    report = json.loads(hapticnet("encode", *arguments, "deadband").stdout)
-    compared = hapticnet("compare", *arguments[:-1], "--multipliers", "1", "--codecs", "deadband")
+    report = json.loads(hapticnet("encode", *arguments, "deadband", "--multiplier", "2").stdout)
+    compared = hapticnet("compare", *arguments[:-1], "--multipliers", "2", "--codecs", "deadband")
     (row,) = json.loads(compared.stdout)["rows"]
     shared = set(report) & set(row)
     assert {"sent", "wire_bytes", "rmse_n", "keepalives", "worst_100ms_packets"} <= shared

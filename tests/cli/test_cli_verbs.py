@@ -42,15 +42,6 @@ def test_encode_reports_every_key_and_holds_the_law(trace, tmp_path):
     assert 0.0 < np.abs(error).max() <= report["max_error_n"]
 
 
-def test_raw_costs_everything_and_the_deadband_less_with_more_jnds(trace):
-    sent = []
-    for arguments in (("raw",), ("deadband",), ("deadband", "--multiplier", "2"), ("deadband", "--multiplier", "4")):
-        done = hapticnet("encode", trace, "--force-column", "fx", "--json", "--codec", *arguments)
-        sent.append(json.loads(done.stdout)["sent"])
-    assert sent[0] == 2000
-    assert sent[0] > sent[1] > sent[2] > sent[3] > 0
-
-
 def test_a_report_for_a_person_has_the_same_figures(trace):
     done = hapticnet("encode", trace, "--force-column", "fx")
     shown = {line.split()[0] for line in done.stdout.splitlines()}
