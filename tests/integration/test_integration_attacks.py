@@ -15,24 +15,17 @@ from tests.integration.conftest import Process, write_keys
 from tests.integration.on_path import drop, late, pass_on
 
 FORCE_N = 2.0
-GEL = """
-name = "gel"
+SCENE = """
+name = "one"
 
 [[tissue]]
-name = "gel"
-rest_position_m = 0.0
-stiffness_n_per_m = 100.0
-breach_force_n = 1e6
+name = "one"
+rest_position_m = {}
+stiffness_n_per_m = {}
+breach_force_n = {}
 """
-SKIN = """
-name = "skin"
-
-[[tissue]]
-name = "skin"
-rest_position_m = 0.02
-stiffness_n_per_m = 200.0
-breach_force_n = 3.0
-"""
+GEL = SCENE.format(0.0, 100.0, 1e6)
+SKIN = SCENE.format(0.02, 200.0, 3.0)
 PIERCE = {0.0: 0.0, 0.3: 0.034, 0.8: 0.034, 0.9: 0.06, 1.1: 0.032, 100.0: 0.032}
 """Press the skin with 2.8 N for half a second, pierce it, and rest where it would press with 2.4 N if it were whole."""
 

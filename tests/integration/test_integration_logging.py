@@ -22,7 +22,6 @@ def lines_of(process):
     [
         (["slave", "--bogus", "--log-json"], {}),
         (["slave", "--log-json", "--most-sessions", "many"], {}),
-        (["master", "--log-json", "--rate", "NaN"], {}),
         (["slave", "--scene", "nowhere.toml", "--log-json"], {}),
         (["slave", "--bogus"], {"HAPTICNET_SLAVE_LOG_JSON": "1"}),
         (["slave", "--bogus", "--config", "rig.toml"], {}),
