@@ -114,10 +114,7 @@ class Line:
 
 
 class Network:
-    """Carry datagrams between the lines and the slave, from event to event.
-
-    What the slave sends to an address that no line has any more is lost.
-    """
+    """Carry datagrams between lines and slave; what the slave sends to an address that no line has is lost."""
 
     def __init__(self, slave: SlaveNode, *, start_us: int = 0) -> None:
         self.slave = slave

@@ -15,11 +15,9 @@ TIOCVHANGUP: Final = 0x5437  # <asm-generic/ioctls.h> of Linux
 
 
 class Plugged:
-    """A stand-in on a pseudo-terminal while it is plugged in.
+    """A stand-in on a pseudo-terminal while it is plugged in, at a path of its own.
 
-    Its path is a link that exists only so long: the number of a closed pseudo-terminal goes to the next one opened on
-    this host, and a port that is retried would take that of another test.
-    """
+    A closed pseudo-terminal's number goes to the next one on this host, which a retried port of a test would take."""
 
     def __init__(self, firmware: StandIn) -> None:
         self.firmware = firmware

@@ -1,7 +1,6 @@
-"""Write tests/vectors/sealed.json: the datagrams of one sealed session, with all its keys.
+"""Write tests/vectors/sealed.json, one session with all its keys: ``python -m tests.vectors.make_sealed``.
 
-Run ``python -m tests.vectors.make_sealed`` after an intended change of the protocol. The datagrams come from the peer
-in `tests.protocol.sealed_peer`, which imports nothing of hapticnet.
+The datagrams come from the peer in `tests.protocol.sealed_peer`, which imports nothing of hapticnet.
 """
 
 import json
