@@ -134,5 +134,5 @@ $(BIN)/python:
 		$(APT) update -qq && $(APT) install -y -qq --no-install-recommends python3-venv; fi
 	$(PYTHON) -m venv $(VENV)
 
-clean:
+clean: plain
 	rm -rf $(VENV) results build dist
