@@ -74,10 +74,7 @@ class Process:
 
 @pytest.fixture
 def start(tmp_path: Path) -> Iterator[Callable[..., Process]]:
-    """Return what starts a process, without real-time scheduling; those that still run at the end are killed.
-
-    Give ``stdout`` or ``stderr`` to let it write elsewhere than to the files of the test.
-    """
+    """Return what starts a process without real-time scheduling, killed at the end; `streams` replace its own files."""
     started: list[Process] = []
 
     def start_process(*arguments: str, prefix: tuple[str, ...] = (), **streams: int) -> Process:
