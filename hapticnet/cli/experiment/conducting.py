@@ -14,8 +14,8 @@ from threading import Thread
 from typing import TYPE_CHECKING, Any, Final, TypeAlias
 
 from hapticnet.cli.console import Console, complain, deliver, show
+from hapticnet.cli.experiment.asked import LimitsOptions, OrderOptions
 from hapticnet.cli.experiment.results import write_results
-from hapticnet.cli.experiment.sessions import LimitsOptions, OrderOptions
 from hapticnet.cli.operators import make_operator
 from hapticnet.cli.pages import listen_for, page_address, say_addresses
 from hapticnet.control.hold import LimitSettings

@@ -1,4 +1,4 @@
-"""``hapticnet experiment limits`` and ``order``: sessions with people or with simulated observers."""
+"""The options of ``hapticnet experiment limits`` and ``order``."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -77,27 +77,3 @@ class OrderOptions(LimitsOptions):
         typer.Option(help="Format of the recordings, one a trial; default: mcap in real time if installed, else npz."),
     ] = None
     analyse: Annotated[bool, typer.Option(help="With --simulate, analyse the study at the end.")] = True
-
-
-def limits(asked: LimitsOptions) -> None:
-    """Measure the JND of a participant at each reference force, and write DIR/participants/NUMBER.toml.
-
-    The plan chooses the method: ascending limits, or a forced choice of two intervals with a 1-up-2-down or a Bayesian
-    staircase. Forces pass the hold and the force loop, as in the ordering task; a pair that the device missed is
-    presented again. Each answer is stored at once; --resume goes on after any interruption.
-    """
-    from hapticnet.cli.experiment.conducting import run
-
-    run(asked)
-
-
-def order(asked: OrderOptions) -> None:
-    """Let a participant order three tissues by stiffness, under each condition of the plan.
-
-    Trials come in balanced orders that are drawn first and stored. Each answer is stored at once; --resume goes on
-    after any interruption. Nothing that the participant sees tells the condition. With simulated observers, report and
-    figures follow, as by 'hapticnet experiment analyse'; on two cores, eight participants take about two minutes.
-    """
-    from hapticnet.cli.experiment.conducting import run
-
-    run(asked)
