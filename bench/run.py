@@ -1,4 +1,4 @@
-"""Run the benchmarks, each once, and write the pages of their results: ``make bench``, in three quarters of an hour.
+"""Run the benchmarks, each once, and write pages from their results: ``make bench``, in three quarters of an hour.
 
 ::
 
@@ -6,9 +6,9 @@
     python bench/run.py --quick             run all with few repetitions, and publish nothing: five minutes
     python bench/run.py --only repair felt  run these alone; the pages need all, of one revision
 
-Those that measure no time run first, as many at once as there are CPUs. A benchmark of time runs alone, because it is
+Benchmarks that do not measure time run first, one per CPU. A benchmark of time runs alone, because it is
 only worth publishing from a quiet machine. Most of these measure the core compiled ahead of time. Before each, this
-program waits until others use less than `BUSY` of a core, for `PATIENCE_S` at most; a record says how much others used
+program waits until others use less than `BUSY` of a core, for `PATIENCE_S` at most; a record says how much they used
 while it ran, and bench/report/pages.py refuses one that was disturbed.
 """
 
@@ -24,7 +24,7 @@ from typing import Final
 REPOSITORY: Final = Path(__file__).parents[1]
 sys.path += [str(REPOSITORY / "bench" / each) for each in ("measure", "report")]
 
-from plan import BENCHMARKS, Benchmark  # noqa: E402 - scripts find what stands beside them only with this path
+from plan import BENCHMARKS, Benchmark  # noqa: E402 - scripts find their neighbours only with this path
 from record import cpu_of_others_s  # noqa: E402
 
 RESULTS: Final = REPOSITORY / "results" / "bench"
@@ -42,7 +42,7 @@ def busy_cores(seconds: float = 1.0) -> float:
 
 
 def main() -> int:
-    """Run what was asked for, one after the other, and write the pages if that was everything."""
+    """Run the requested benchmarks one after the other, and write the pages if these are all."""
     names = [each.name for each in BENCHMARKS]
     parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
     parser.add_argument("--quick", action="store_true", help="few repetitions, to try every benchmark; publish nothing")
@@ -54,7 +54,7 @@ def main() -> int:
     chosen = [each for each in BENCHMARKS if each.name in (arguments.only or names)]
     compiled = False
     untimed = [each for each in chosen if not each.timed]
-    # What quick runs give is published in short, so that a test can tell when it changes.
+    # The fingerprint of quick runs is published, so that a test can tell when it changes.
     runs = [(each, True) for each in untimed] + [(each, False) for each in untimed if not arguments.quick]
     with ThreadPoolExecutor(os.cpu_count()) as pool:
         failed = [name for name in pool.map(lambda run: _run(run[0], arguments, quick=run[1]), runs) if name]

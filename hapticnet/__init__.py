@@ -3,7 +3,7 @@
 The names below are the public interface; docs/refer/api.md describes them and docs/index.md shows them at work. They
 are imported when first used, so that ``import hapticnet`` is fast.
 
-Follow one force sample through the rooms in the order that data takes:
+Follow one force sample through the rooms in the order of the data:
 ``scene`` → ``codec`` → ``protocol`` → ``channel`` → (UDP) → ``protocol`` → ``codec`` → ``control`` → ``device``.
 ``docs/build/architecture.md`` walks that way file by file.
 """
@@ -59,7 +59,7 @@ __all__ = [
 ]  # fmt: skip
 
 
-if not TYPE_CHECKING:  # a type checker then knows which names there are
+if not TYPE_CHECKING:  # so that a type checker knows the names
 
     def __getattr__(name: str) -> Any:
         from importlib import import_module

@@ -5,7 +5,7 @@ import sys
 
 
 def main() -> None:
-    """Run the command line; a Ctrl-C while it is still being loaded ends it like any other."""
+    """Run the command line; Ctrl-C while it is still loading ends it like any other."""
     _fill_standard_streams()
     try:
         from hapticnet.cli import main as run
@@ -24,14 +24,14 @@ def _fill_standard_streams() -> None:
         try:
             os.fstat(number)
         except OSError:
-            os.open(os.devnull, os.O_RDWR)  # takes the lowest free number, which is this one
+            os.open(os.devnull, os.O_RDWR)  # gets the lowest free number, which is this one
             os.set_inheritable(number, True)
 
 
 def _leave_working_folder() -> None:
     """Do not search the working folder, which ``python -m`` puts first, for modules: a queue.py there is a user's.
 
-    In a checkout that is not installed, it has this package: then it comes last.
+    In a checkout that is not installed, that folder holds this package, and is searched last.
     """
     if not sys.flags.safe_path:
         folder = sys.path.pop(0)

@@ -1,4 +1,4 @@
-"""Checks of settings, and the messages that say what is wrong and what would be right."""
+"""Checks of settings, and the messages that say what is wrong and what is allowed."""
 
 from collections.abc import Iterable
 from difflib import get_close_matches
@@ -43,7 +43,7 @@ def axes_of(count: int) -> str:
 
 
 def meant(name: str, known: Iterable[str]) -> str:
-    """Return the question whether a known name was meant, to follow an unknown one; nothing if none is similar."""
+    """Return the suggestion of a similar known name, to follow an unknown one; empty if there is none."""
     close = get_close_matches(name, known, n=1)
     return f" (did you mean {close[0]!r}?)" if close else ""
 

@@ -1,11 +1,11 @@
 """Plain functions compiled by numba (the ``fast`` extra), without changes to their modules.
 
 A function is compiled together with every plain function of hapticnet, and of its own package, that it calls by name.
-The subset is that of numba in nopython mode; tuples of 1 to 3 floats stand for vectors, and ``if len(x) == 1`` is
+The subset is numba's nopython mode; tuples of 1 to 3 floats stand for vectors, and ``if len(x) == 1`` is
 decided when it is compiled.
 
 Machine code is kept in ``$XDG_CACHE_HOME/hapticnet`` (or ``$NUMBA_CACHE_DIR``), in a folder named after the content of
-the sources (those of hapticnet, and what stands beside a user's function), so that an edited constant or function is
+the sources (hapticnet's, and the folder of a user's function), so that an edited constant or function is
 never run from old machine code. Where that folder cannot be written, or another account can write it, each process
 compiles what it uses.
 """
@@ -33,9 +33,9 @@ SOURCES: Final = ("*.py", "codec/**/*.py", "measure/*.py")  # sources whose cont
 
 LARGEST_INLINED: Final = 900
 """Size of the bytecode [B] up to which a function is compiled into its callers. Larger ones are called: they run only
-at updates. A call costs about as much as its arguments have numbers, so what takes the state of a codec is inlined."""
+at updates. The cost of a call grows with the numbers in its arguments, so functions of a codec's state are inlined."""
 
-KEPT_FOLDERS: Final = 8  # folders of machine code that are kept, the newest first
+KEPT_FOLDERS: Final = 8  # number of folders of machine code that are kept
 
 
 def describe_core() -> str:
@@ -46,7 +46,7 @@ def describe_core() -> str:
 
 @cache
 def fast_extra_installed() -> bool:
-    """Tell whether the ``fast`` extra (numba) can be imported, without importing it."""
+    """Return whether the ``fast`` extra (numba) can be imported, without importing it."""
     return importlib.util.find_spec("numba") is not None
 
 
@@ -58,8 +58,8 @@ def compiled(
 ) -> Callable[..., Any]:
     """Return a function of module level, without closures, compiled: the same object every time.
 
-    Constants and named tuples of functions in `using` take the place of its globals; `name` tells versions with other
-    ones apart. With `makes_arrays`, references to arrays are counted, which can take most of the time of a loop.
+    Constants and named tuples of functions in `using` replace its globals; `name` distinguishes versions with other
+    ones. With `makes_arrays`, references to arrays are counted, which can take most of the time of a loop.
     """
     function = _from_source(function)
     key = function, name, tuple((using or {}).values())
@@ -74,7 +74,7 @@ def compiled(
 
 
 def _folders_of_users(function: FunctionType, using: Mapping[str, Any]) -> frozenset[Path]:
-    """Return the folders of the functions that are not of hapticnet."""
+    """Return the folders of functions from outside hapticnet."""
     tuples = [value for value in using.values() if isinstance(value, tuple)]
     functions = [each for each in (function, *chain(*tuples)) if not _is_ours(each)]
     return frozenset(Path(each.__code__.co_filename).parent for each in functions)
@@ -85,7 +85,7 @@ def _is_ours(function: Callable[..., Any]) -> bool:
 
 
 def _from_source(function: Callable[..., Any]) -> FunctionType:
-    """Return a function with its bytecode, which numba reads; what mypyc has compiled has none."""
+    """Return a function with its bytecode, which numba reads; functions compiled by mypyc have none."""
     if isinstance(function, BuiltinFunctionType) and _is_ours(function):
         function = getattr(_from_its_source(function.__module__), function.__name__)
     if not isinstance(function, FunctionType):
@@ -130,7 +130,7 @@ def _linked(function: FunctionType, name: str, using: Mapping[str, Any]) -> Func
 
 
 def _are_together(one: Callable[..., Any], other: Callable[..., Any]) -> bool:
-    """Tell whether two functions are of one top-level package."""
+    """Return whether two functions belong to the same top-level package."""
     return str(one.__module__).partition(".")[0] == str(other.__module__).partition(".")[0]
 
 
@@ -140,8 +140,8 @@ def _jit(
     from numba import config as numba_config
     from numba import njit
 
-    references: Any = {"_nrt": counts}  # an option of numba that its stubs do not have
-    config: Any = numba_config  # its settings are set by name when it is imported
+    references: Any = {"_nrt": counts}  # an option of numba that its stubs lack
+    config: Any = numba_config  # numba sets its settings by name on import
     given = config.CACHE_DIR
     folder = _folder(given, folders)
     config.CACHE_DIR = str(folder)
@@ -155,7 +155,7 @@ def _jit(
 
 
 _OURS: Final = re.compile(r"[0-9a-f]{16}")
-"""Names of the folders that `_folder` makes. Nothing else is removed: the place may have been named by mistake."""
+"""Names of the folders that `_folder` makes. Nothing else is removed: the folder may have been named by mistake."""
 
 
 @cache
@@ -178,8 +178,8 @@ def _folder(base: str, folders: frozenset[Path] = frozenset()) -> Path | None:
         with tempfile.TemporaryFile(dir=folder):
             pass
     except (OSError, RuntimeError):  # RuntimeError: there is no home directory
-        return None  # numba would keep it beside the sources, and use it after a function that is called was edited
-    with suppress(OSError):  # another process may remove the same ones
+        return None  # numba would keep it beside the sources, and use it even after a called function was edited
+    with suppress(OSError):  # another process may remove the same folders
         ours = [each for each in caches.iterdir() if _OURS.fullmatch(each.name)]
         newest_first = sorted(ours, key=lambda each: each.stat().st_mtime, reverse=True)
         for old in newest_first[KEPT_FOLDERS:]:

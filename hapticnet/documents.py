@@ -1,4 +1,4 @@
-"""Read, parse and validate TOML files; report each mistake in one line that says what would be right."""
+"""Read, parse and validate TOML files; report each mistake in one line that says what is allowed."""
 
 import re
 import reprlib
@@ -13,7 +13,7 @@ from hapticnet.errors import FileError, SettingsError, visible
 from hapticnet.files import read_text
 
 LARGEST_DOCUMENT: Final = 4 * 2**20  # size limit of a TOML file [B]; a scene of 10,000 tissues takes 2 MB
-MOST_PARTS: Final = 16  # most parts of a dotted key: time and memory of tomllib grow with their square
+MOST_PARTS: Final = 16  # most parts of a dotted key: tomllib's time and memory grow with their square
 MOST_PARTS_TOGETHER: Final = 200_000  # most parts of all dotted keys: each takes 1 kB of memory
 
 STRICT: Final = ConfigDict(extra="forbid", strict=True)  # configuration of models: no unknown keys, no conversions
@@ -39,14 +39,14 @@ _EXPECTED: Final = {
     "too_short": "a list of at least {min_length}",
     "too_long": "a list of at most {max_length}",
 }
-"""What would be right, for each of pydantic's error types that a model of ours can cause; its own words are for
+"""Allowed values, for each of pydantic's error types that our models can cause; pydantic's words are for
 programmers."""
 
-WHOLE: Final = "the table"  # what is wrong if no one key is
+WHOLE: Final = "the table"  # error types that concern no single key
 
 _PART: Final = r"""(?:[\w-]++|"(?:[^"\\\n]|\\.)*+"|'[^'\n]*+')"""
 _DOTTED: Final = re.compile(rf"""(?<![\w"'.\\-]){_PART}(?:[ \t]*+\.[ \t]*+{_PART})++""")
-"""A dotted key, or a number. Possessive, so that no text takes more than one pass."""
+"""A dotted key, or a number. Possessive quantifiers, so that every text takes one pass."""
 
 _PARTS: Final = re.compile(_PART)
 _END_OF_KEY: Final = re.compile(r"[ \t]*+[=\]]")
@@ -55,7 +55,7 @@ Document = TypeVar("Document", bound=BaseModel)
 
 
 def text_of(form: str, words: str) -> AfterValidator:
-    """Return a check that a whole text has a form, which a message tells in words: a pattern is for programmers."""
+    """Return a check of a whole text's form, which a message describes in words: patterns are for programmers."""
     pattern = re.compile(form)
 
     def check(text: str) -> str:
@@ -78,7 +78,7 @@ def parse_tables(text: str, source: str) -> dict[str, Any]:
     """Return the tables of a TOML text; raise FileError with line and column if it is not TOML, or has huge keys."""
     _check_keys(text, source)
     try:
-        # Besides its own error, tomllib lets errors of int() and of the recursion limit through.
+        # tomllib also lets errors of int() and of the recursion limit through.
         tables = tomllib.loads(text)
     except (ValueError, RecursionError) as error:
         raise FileError(f"{source}: not a TOML file: {_with_place(str(error), text)}") from error
@@ -116,7 +116,7 @@ def _check_keys(text: str, source: str) -> None:
 
 
 def _check_texts(tables: dict[str, Any], source: str) -> None:
-    """Raise FileError if a key or text has control characters, which TOML can escape; line feeds and tabs may stand."""
+    """Raise FileError if a key or text has control characters, which TOML can escape, except line feeds and tabs."""
     waiting: list[tuple[str, Any]] = [("", tables)]
     while waiting:
         name, value = waiting.pop()
@@ -136,11 +136,11 @@ def _with_place(message: str, text: str) -> str:
 
 
 def _first_mistake(error: ValidationError, model: type[BaseModel]) -> str:
-    """Return the place of the first mistake and what would be right, in one line."""
+    """Return the place of the first mistake and the allowed values, in one line."""
     # A misspelt key is both unknown and missing; "unknown" is more useful.
     mistake = min(error.errors(include_url=False), key=lambda each: each["type"] != "extra_forbidden")
     table, where, key = _place(model, mistake["loc"])
-    # _place() went into the table's model, so the list is one of tables.
+    # _place() descended into the table's model, so this is a list of tables.
     if mistake["type"] == "list_type" and isinstance(mistake["input"], dict) and table is not model:
         return f"{where}[{key}] is one table; write [[{key}]], with two brackets, above each"
     if mistake["type"] == "extra_forbidden":
@@ -148,10 +148,10 @@ def _first_mistake(error: ValidationError, model: type[BaseModel]) -> str:
         return f"{where}unknown key {key!r}{asked}; the keys are {', '.join(table.model_fields)}"
     if mistake["type"] == "missing":
         return f"{where}{key} is missing"
-    if mistake["type"] == "value_error" and isinstance(mistake["input"], dict):  # of a whole table: it has no one value
+    if mistake["type"] == "value_error" and isinstance(mistake["input"], dict):  # of a whole table: no single value
         table_name = "" if key == WHOLE else f"{key}: "
         return f"{where}{table_name}{mistake['ctx']['error']}"
-    if mistake["type"] == "value_error":  # of ours
+    if mistake["type"] == "value_error":  # our own error
         right = str(mistake["ctx"]["error"])
     else:
         right = f"it must be {_EXPECTED.get(mistake['type'], 'something else').format(**mistake.get('ctx', {}))}"

@@ -1,6 +1,6 @@
 """The exceptions of hapticnet.
 
-Each message is written for a person: what was wrong, the value seen, and what would be right.
+Each message is written for a person: what is wrong, the value, and what is allowed.
 """
 
 import traceback
@@ -9,7 +9,7 @@ from typing import ClassVar, Final
 
 from hapticnet.interrupts import is_ctrl_c
 
-LONGEST_MESSAGE: Final = 1000  # most characters of a message of somebody else's exception that are shown
+LONGEST_MESSAGE: Final = 1000  # most characters shown of a foreign exception's message
 
 
 class HapticnetError(Exception):
@@ -49,7 +49,7 @@ class UnavailableError(HapticnetError):
 
 
 class RunError(HapticnetError):
-    """A run is over. Something in it failed and did not end it: code was too slow, a process beside it ended."""
+    """A run is over. A failure in it did not end it: code was too slow, or a helper process ended."""
 
     exit_code = 1
 
@@ -59,11 +59,11 @@ class UserCodeError(HapticnetError):
 
 
 def in_words(error: BaseException) -> str:
-    """Return kind and message of an error, and the line of a user's code it comes from, on one line."""
+    """Return kind and message of an error, and its line in the user's code, on one line."""
     kind = type(error)
     name = kind.__name__ if kind.__module__ in ("builtins", __name__) else f"{kind.__module__}.{kind.__name__}"
     message = _message(error)
-    if isinstance(error, UserCodeError):  # it names the class and says what happened
+    if isinstance(error, UserCodeError):  # it names the class and the fault
         return message
     text = f"{name}: {message}" if message else name
     if isinstance(error, (SyntaxError, HapticnetError)):
@@ -74,12 +74,12 @@ def in_words(error: BaseException) -> str:
 
 
 def printable(text: str) -> str:
-    """Return a text for one line of a message: what would move the cursor of a terminal becomes spaces and "?"."""
+    """Return a text for one line of a message: characters that would move a terminal's cursor become spaces and "?"."""
     return visible(" ".join(text.split()))
 
 
 def visible(text: str) -> str:
-    """Return a text in which "?" takes the place of what would speak to a terminal: it may come from a stranger."""
+    """Return a text with terminal control characters replaced by "?": it may come from an unknown peer."""
     return text if text.isprintable() else "".join(each if each.isprintable() else "?" for each in text)
 
 

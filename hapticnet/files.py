@@ -1,6 +1,6 @@
 """Bounded reading of regular files only, and writing that neither follows links nor leaves half a file.
 
-A folder may come from a stranger: a link in it could lead to any file of the user, so names of ours are not followed.
+A folder may come from somebody else: a link in it could lead to any file of the user, so links are not followed.
 """
 
 import errno
@@ -41,7 +41,7 @@ def parse_bytes(text: str | int) -> int:
 
 
 def bytes_in_words(size: int) -> str:
-    """Return a size [B] as `parse_bytes` reads it, with the largest unit that leaves a whole number."""
+    """Return a size [B] in the form that `parse_bytes` reads, with the largest unit that leaves a whole number."""
     for unit, name in ((2**30, "GiB"), (10**9, "GB"), (2**20, "MiB"), (10**6, "MB")):
         if size > 0 and size % unit == 0:
             return f"{size // unit}{name}"
@@ -49,7 +49,7 @@ def bytes_in_words(size: int) -> str:
 
 
 def user_path(path: str | os.PathLike[str]) -> Path:
-    """Return a path as a user wrote it, with a ``~`` at its start replaced: shells leave it in ``--key=~/key.toml``."""
+    """Return a user's path with a ``~`` at its start replaced: shells do not expand it in ``--key=~/key.toml``."""
     try:
         return Path(path).expanduser()
     except RuntimeError:  # no such user: the name of a file
@@ -96,7 +96,7 @@ def read_bytes(path: Path, max_bytes: int = MAX_BYTES, *, follow: bool = True) -
 
 
 def read_text(path: Path, max_bytes: int = MAX_BYTES, *, follow: bool = True) -> str:
-    """Return the text of a UTF-8 file of at most `max_bytes`; raise FileError as `open_regular`, or if it is other."""
+    """Return the text of a UTF-8 file of at most `max_bytes`; raise FileError like `open_regular`, or if not UTF-8."""
     content = read_bytes(path, max_bytes, follow=follow)
     try:
         return content.decode()
@@ -114,14 +114,14 @@ def _refuse_special(path: Path, status: os.stat_result, max_bytes: int) -> None:
 
 @contextmanager
 def file_errors(path: Path) -> Iterator[None]:
-    """Turn any exception that a reader raises on a damaged file into a FileError."""
+    """Convert any exception of a reader of a damaged file to a FileError."""
     try:
         yield
     except HapticnetError:
         raise
     except MemoryError as error:
         raise FileError(f"{path}: too large for the memory of this machine") from error
-    except Exception as error:  # SciPy, pyarrow and NumPy raise many kinds for damaged files
+    except Exception as error:  # SciPy, pyarrow and NumPy raise many kinds of errors for damaged files
         known = isinstance(error, OSError) and error.strerror
         reason = known or f"damaged, or not the kind of file it seems: {' '.join(str(error).split())[:200]}"
         raise FileError(f"{path}: {reason}") from error
@@ -129,7 +129,7 @@ def file_errors(path: Path) -> Iterator[None]:
 
 @contextmanager
 def replacing(path: Path, *, follow: bool = True, sync: bool = False) -> Iterator[TextIO]:
-    """Open a UTF-8 file for writing; it replaces an existing file when all of it is written. See `replacing_bytes`."""
+    """Open a UTF-8 file for writing; it replaces an existing file once completely written. See `replacing_bytes`."""
     with replacing_bytes(path, follow=follow, sync=sync) as file:
         text = io.TextIOWrapper(file, encoding="utf-8", newline="")
         try:
@@ -141,7 +141,7 @@ def replacing(path: Path, *, follow: bool = True, sync: bool = False) -> Iterato
 
 @contextmanager
 def replacing_bytes(path: Path, *, follow: bool = True, sync: bool = False) -> Iterator[BinaryIO]:
-    """Open a file for writing; it replaces an existing file when all of it is written. FileError if that fails.
+    """Open a file for writing; it replaces an existing file once completely written. FileError if that fails.
 
     Devices, pipes and mount points (a file mounted into a container) are written directly. `follow` replaces what a
     link leads to: True only for a file that the user named. `sync` waits for the disk.
@@ -159,7 +159,7 @@ def replacing_bytes(path: Path, *, follow: bool = True, sync: bool = False) -> I
 
 @contextmanager
 def written_beside(path: Path, *, sync: bool = False) -> Iterator[BinaryIO]:
-    """Open a temporary file; when all is written, it takes the place of `path`, even of a link. Raises OSError."""
+    """Open a temporary file; once written, it replaces `path`, even a link. Raises OSError."""
     part = _part(path)
     try:
         with _create(part) as file:
@@ -204,7 +204,7 @@ def locked(path: Path, busy: HapticnetError) -> Iterator[None]:
 
 
 def check_replaceable(path: Path) -> None:
-    """Raise FileError if `replacing` cannot write a file, which stays as it is. Create its folder if it is missing."""
+    """Raise FileError if `replacing` cannot write a file, which does not change. Create its folder if it is missing."""
     make_folder(path.parent)
     try:
         if path.is_dir():
@@ -252,7 +252,7 @@ def _part(path: Path) -> Path:
 
 
 def _create(part: Path) -> BinaryIO:
-    """Create a temporary file and open it for writing. What had its name is removed; a link is never followed."""
+    """Create a temporary file and open it for writing. Remove an existing file of that name; never follow a link."""
     part.unlink(missing_ok=True)
     flags = os.O_RDWR | os.O_CREAT | os.O_EXCL | os.O_NOFOLLOW | os.O_CLOEXEC
     return os.fdopen(os.open(part, flags, 0o666), "w+b")

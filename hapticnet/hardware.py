@@ -1,4 +1,4 @@
-"""Nominal values of the fingertip device and of the finger on it, for all who control, describe or simulate them."""
+"""Nominal values of the fingertip device and of the finger on it, for controllers, descriptions and simulations."""
 
 from typing import Final
 

@@ -5,11 +5,11 @@ import threading
 
 
 class TakesSignals:
-    """Base of the handlers of runs that end in order, with a report: no KeyboardInterrupt comes from their Ctrl-C."""
+    """Base of the handlers of runs that end in order, with a report: their Ctrl-C raises no KeyboardInterrupt."""
 
 
 def is_ctrl_c(error: BaseException) -> bool:
-    """Return whether an exception out of a user's code may be a Ctrl-C of the person at the terminal."""
+    """Return whether an exception from a user's code may be a Ctrl-C at the terminal."""
     return (
         isinstance(error, KeyboardInterrupt)
         and threading.current_thread() is threading.main_thread()
@@ -18,7 +18,7 @@ def is_ctrl_c(error: BaseException) -> bool:
 
 
 def ignore_further() -> None:
-    """Let no signal that a run has taken change how the process ends; call this when the exit code is known."""
+    """Ignore a run's signals, so that they cannot change its end. Call this once the exit code is known."""
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
         if isinstance(signal.getsignal(number), TakesSignals):
             signal.signal(number, signal.SIG_IGN)

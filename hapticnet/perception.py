@@ -26,12 +26,12 @@ would trigger the deadband. Below 0.5 N the JND is therefore constant.
 """
 
 SMALLEST: Final = 1e-12
-"""Smallest nonzero Weber fraction, floor [N] and multiplier: far below any sense, and errors in JNDs stay finite."""
+"""Smallest nonzero Weber fraction, floor [N] and multiplier: far below any sense, yet errors in JNDs stay finite."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class WeberLaw:
-    """The threshold at which two stimuli can be told apart.
+    """The threshold at which two stimuli can be distinguished.
 
     ``threshold(ref) = multiplier · max(weber_fraction · |ref|, floor_n)``, with ``|·|`` the Euclidean norm.
 

@@ -1,4 +1,4 @@
-"""Numbers as they are rounded for the wire. Each function has a second, compiled body in `compiled`."""
+"""Rounding of numbers for the wire. Each function has a second, compiled body in `compiled`."""
 
 import struct
 from typing import Final

@@ -1,4 +1,4 @@
-"""Position and force samples: the two things that travel through hapticnet.
+"""Position and force samples: the two kinds of data in hapticnet.
 
 A vector is a tuple of floats, one per axis, because numpy costs tens of microseconds on a single sample.
 """
@@ -11,22 +11,22 @@ from hapticnet.errors import SampleError
 Vector: TypeAlias = tuple[float, ...]
 
 new_tuple: Final = tuple.__new__
-"""Makes a named tuple from a tuple, in half the time of its own constructor: for what every sample passes."""
+"""Makes a named tuple from a tuple, in half the time of its own constructor, for the path of every sample."""
 
 MAX_AXES = 3
 LARGEST_COMPONENT = 1e15
-"""Largest magnitude of one component, in SI units. Far above anything haptic, and its squares stay finite."""
+"""Largest magnitude of one component, in SI units. Far above any haptic value, but its squares stay finite."""
 
 
 class PositionSample(NamedTuple):
-    """Where the operator's tool tip was at one time.
+    """The position of the operator's tool tip at one time.
 
     Attributes
     ----------
     t_us
         Sampling time [µs] on the master's monotonic clock.
     position_m
-        Position [m], one value per axis. On the needle's axis it grows into the tissue.
+        Position [m], one value per axis. On the needle's axis it increases into the tissue.
     """
 
     t_us: int
@@ -49,7 +49,7 @@ class ForceSample(NamedTuple):
 
 
 def checked_vector(values: Iterable[float], what: str) -> Vector:
-    """Return `values` as a vector, refusing anything that must not enter hapticnet.
+    """Return `values` as a vector, refusing invalid ones.
 
     Raise SampleError if there are no or more than three components, or one of them is NaN, infinite or beyond
     `LARGEST_COMPONENT`.

@@ -1,4 +1,4 @@
-"""How far the force may change around the tool: what a scene can say about the positions near the newest one."""
+"""The stiffness bound: how far the force may change at positions near the tool."""
 
 from typing import Final, NamedTuple
 
@@ -9,15 +9,15 @@ LONGEST_SILENCE_US: Final = 100_000
 
 
 SOFTEST_COVERED: Final = 0.6
-"""A stiffness bound stands for another one that is softer by up to this factor; a much softer one is worth sending."""
+"""A stiffness bound also serves for one that is softer by up to this factor; a much softer one is worth sending."""
 
 
 class StiffnessBound(NamedTuple):
     """A box of positions, and how much the force may change within it.
 
     While the tool stays in the box, the forces at two positions that are d apart, at velocities that differ by w,
-    differ by at most ``stiffness · d + damping · w``, and stepping the scene at any position in the box changes nothing
-    that lasts. A surface, or the depth at which one breaks, is therefore a side of the box.
+    differ by at most ``stiffness · d + damping · w``, and stepping the scene at any position in the box causes no
+    lasting change. A surface, or the depth at which one breaks, is therefore a side of the box.
     """
 
     stiffness_n_per_m: float  # largest change of the force per distance [N/m], 0 or above
@@ -27,7 +27,7 @@ class StiffnessBound(NamedTuple):
     high_m: Vector
 
     def contains(self, position_m: Vector) -> bool:
-        """Tell whether a position is in the box."""
+        """Return whether a position is in the box."""
         if len(position_m) == 1:  # the common case, kept short: asked at every tick
             return self.low_m[0] <= position_m[0] <= self.high_m[0]
         return all(
@@ -44,10 +44,10 @@ class StiffnessBound(NamedTuple):
         )
 
     def covers(self, newer: "StiffnessBound", position_m: Vector) -> bool:
-        """Tell whether a master that has this bound needs no newer one, with the tool at a position [m]."""
+        """Return whether this bound still serves a master, with the tool at a position [m]."""
         if newer is self:
             return True
-        # What it says must still be true here.
+        # The bound must still be true here.
         return (
             self.contains(position_m)
             and SOFTEST_COVERED * self.stiffness_n_per_m <= newer.stiffness_n_per_m <= self.stiffness_n_per_m

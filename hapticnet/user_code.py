@@ -1,6 +1,6 @@
-"""Classes of users, named on the command line as ``FILE.py:Class`` or ``package.module:Class``: import, find, make.
+"""Classes of users, named as ``FILE.py:Class`` or ``package.module:Class``: import, find and instantiate them.
 
-Whatever is wrong with them becomes one SettingsError. A text of this kind is code to run: never take it from the
+Any fault in them becomes one SettingsError. Such a text runs code: never accept it from the
 network.
 """
 
@@ -28,7 +28,7 @@ Option: TypeAlias = int | float | bool | str
 
 _SOURCE = re.compile(r"(?P<source>(?:.+?\.py|[A-Za-z_][\w.]*):[A-Za-z_]\w*)(?::(?P<options>.*))?", re.DOTALL)
 
-_REPR: Final = reprlib.Repr()  # shows only the beginning of what is long
+_REPR: Final = reprlib.Repr()  # shows only the beginning of long values
 _REPR.maxstring = _REPR.maxother = _REPR.maxlong = 200
 
 _BOOLS: Final = {"true": True, "false": False}
@@ -38,9 +38,9 @@ _files: dict[Path, tuple[int, ModuleType]] = {}  # modules made from files, and 
 
 @dataclass(frozen=True, slots=True)
 class UserClass:
-    """A class of a user, and the arguments with which to make objects of it."""
+    """A class of a user, and the arguments for making its objects."""
 
-    kind: str  # what it is used as, such as "scene"; starts each message
+    kind: str  # its role, such as "scene"; starts each message
     source: str  # ``FILE.py:Class`` or ``package.module:Class``, as the user wrote it
     found: Callable[..., Any]  # the class, or a function that returns an object
     options: Mapping[str, Option] = field(default_factory=dict)  # keyword arguments
@@ -53,7 +53,7 @@ class UserClass:
 
     @property
     def label(self) -> str:
-        """Kind and source: how messages call it."""
+        """Kind and source, its name in messages."""
         return f"{self.kind} {self.source}"
 
     def make(self) -> Any:
@@ -71,7 +71,7 @@ def split_user_code(text: str) -> tuple[str, str] | None:
 
 
 def find_user_class(text: str, kind: str, folder: Path = Path()) -> UserClass | None:
-    """Import what ``SOURCE[:KEY=VALUE,…]`` names; return None if `text` does not have this form.
+    """Import the class named by ``SOURCE[:KEY=VALUE,…]``; return None if `text` does not have this form.
 
     A value is a whole number, a number, true, false, or else text. The path of a file is relative to `folder`. Raises
     SettingsError if it cannot be imported or found, or an option is malformed.
@@ -123,7 +123,7 @@ def method_of(made: Any, signature: str, what: str) -> Callable[..., Any]:
         inspect.signature(method).bind(*arguments.split(", "))
     except TypeError as error:
         raise SettingsError(f"{what}: cannot call {signature}: {error}") from error
-    except ValueError:  # a method written in C, which does not tell
+    except ValueError:  # a method written in C, which has no signature
         pass
     return cast("Callable[..., Any]", method)
 
@@ -137,7 +137,7 @@ def attribute_of(made: Any, name: str, default: Any, what: str) -> Any:
 
 
 def axes_of(made: Any, what: str) -> int:
-    """Return the number of axes that a user's object declares, 1 if it does not; raise SettingsError if it is wrong."""
+    """Return the number of axes that a user's object declares, 1 if it does not; raise SettingsError if invalid."""
     declared = attribute_of(made, "axes", 1, what)
     try:
         axes = index(declared)
@@ -149,7 +149,7 @@ def axes_of(made: Any, what: str) -> int:
 
 
 def vector_from(result: Any, axes: int, method: str, unit: str) -> Vector:
-    """Return what a method of a user returned, one or more numbers, as a vector; raise UserCodeError if it is none."""
+    """Return the result of a user's method, one or more numbers, as a vector; raise UserCodeError if it is invalid."""
     # The common cases first: this is on the path of every sample.
     if type(result) is float and axes == 1 and -LARGEST_COMPONENT <= result <= LARGEST_COMPONENT:
         return (result,)
@@ -160,7 +160,7 @@ def vector_from(result: Any, axes: int, method: str, unit: str) -> Vector:
             raise TypeError
         elif getattr(result, "ndim", None) == 0:  # an array of no dimension
             vector = (float(result),)
-        else:  # no more than one too many: it may be long, or endless
+        else:  # at most one too many, because it may be long or endless
             vector = tuple([float(each) for each in islice(result, axes + 1)])
     except (TypeError, ValueError, OverflowError):
         raise _unusable(result, axes, method, unit) from None
@@ -174,20 +174,20 @@ def vector_from(result: Any, axes: int, method: str, unit: str) -> Vector:
 
 
 def raised(error: BaseException) -> str:
-    """Return in words what a user's code raised; a KeyboardInterrupt is raised again where Ctrl-C can cause it."""
+    """Return a user's exception in words; raise a KeyboardInterrupt again if Ctrl-C can cause it."""
     if is_ctrl_c(error):
         raise error
     return in_words(error)
 
 
 def failure(method: str, error: BaseException) -> UserCodeError:
-    """Return what an exception in a method of a user is reported as; a KeyboardInterrupt is raised again."""
+    """Return the error to report for an exception in a user's method; raise a KeyboardInterrupt again."""
     words = raised(error)
     return error if isinstance(error, UserCodeError) else UserCodeError(f"{method} raised {words}")
 
 
 def close_user_object(made: Any, what: str) -> str | None:
-    """Call a method ``close()`` if a user's object has one; return what to tell if it raised, else None."""
+    """Call ``close()`` if a user's object has it; return a message if it raised, else None."""
     try:
         close = getattr(made, "close", None)
         if callable(close):
@@ -224,7 +224,7 @@ def _option(text: str) -> Option:
 
 
 def _choices(module: ModuleType) -> str:
-    """Return a hint at the classes that a module defines."""
+    """Return a hint that lists the classes of a module."""
     own = [name for name, each in vars(module).items() if isinstance(each, type) and each.__module__ == module.__name__]
     return f"; it defines {', '.join(own[:8])}" if own else ""
 
@@ -236,7 +236,7 @@ def _run_file(file: Path) -> ModuleType | None:
     changed = path.stat().st_mtime_ns
     if path in _files and _files[path][0] == changed:
         return _files[path][1]
-    # The prefix keeps a user's serial.py from being taken for the module of that name.
+    # The prefix keeps a user's serial.py from being mistaken for the module of that name.
     name = free = f"hapticnet_user_{file.stem}"
     number = 1
     while free in sys.modules and getattr(sys.modules[free], "__file__", None) != str(path):
@@ -248,7 +248,7 @@ def _run_file(file: Path) -> ModuleType | None:
     look_in(file.parent)  # as Python does for a script, so that it can import its neighbours
     module = importlib.util.module_from_spec(spec)
     before = sys.modules.get(free)
-    sys.modules[free] = module  # dataclasses look their module up
+    sys.modules[free] = module  # dataclasses look up their module
     try:
         spec.loader.exec_module(module)
     except BaseException:

@@ -119,7 +119,7 @@ def largest_component(x: Vector) -> float:
 
 
 def in_range(x: Vector) -> bool:
-    """Tell whether every component is finite and within ± `LARGEST_COMPONENT`."""
+    """Return whether every component is finite and within ± `LARGEST_COMPONENT`."""
     # Written so that NaN, which compares false with everything, is out of range.
     if len(x) == 1:
         return abs(x[0]) <= LARGEST_COMPONENT

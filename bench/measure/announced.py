@@ -1,4 +1,4 @@
-"""What a hand feels of a scene that announces the contact ahead, and of one that announces what is not true.
+"""What a hand feels in scenes that announce the contact ahead, correctly or wrongly.
 
 Each run is a whole session in virtual time over a link with delay and loss in both directions. At each tick of the
 master, the held force is compared with the force of the scene at that position.
@@ -48,13 +48,13 @@ class Case:
     Attributes
     ----------
     codec, announced, positions
-        The codec, whether the scene announces what is ahead, and which positions are sent.
+        The codec, whether the scene announces the contact ahead, and which positions are sent.
     says
-        How what is announced differs from the scene; "" if it does not.
+        How the announcement differs from the scene; "" if it does not.
     delay_ms, jitter_ms, loss
-        Of each direction. Jitter is normal and keeps the order.
+        In each direction. Jitter is normal and keeps the order.
     reach_m
-        How far from the tip layers are announced.
+        Distance from the tip up to which layers are announced.
     """
 
     scene: str = "paper:1"
@@ -94,7 +94,7 @@ MEASURED: Final = "as measured"
 
 
 class Says(Scene):
-    """A scene that announces what it is told to."""
+    """A scene with altered announcements."""
 
     lie: Callable[[LayerAhead], LayerAhead] | None = None
     noise_n = 0.0
@@ -116,7 +116,7 @@ class Says(Scene):
 
 
 def run(case: Case) -> Row:
-    """Return what is felt and sent in a session."""
+    """Return the felt error and the traffic of a session."""
     settings = find_scene(case.scene)
 
     def make_scene(_: object) -> Touchable:
@@ -179,7 +179,7 @@ def true_force(scene: Scene, t_us: FloatArray, positions: FloatArray) -> FloatAr
 
 
 def longest_run(wrong: npt.NDArray[np.bool_]) -> int:
-    """Return for how many ticks in a row something was wrong, at most."""
+    """Return the longest run of wrong ticks."""
     edges = np.flatnonzero(np.diff(np.concatenate([[False], wrong, [False]]).astype(int)))
     return int((edges[1::2] - edges[::2]).max(initial=0))
 
@@ -220,7 +220,7 @@ KEY: Final = (
 
 
 def averaged(rows: Sequence[Row]) -> list[Row]:
-    """Return a row for each case, averaged over the seeds; of the longest run, the maximum."""
+    """Return a row for each case, averaged over the seeds, but with the longest run of all."""
     blocks: dict[tuple[Any, ...], list[Row]] = {}
     for row in rows:
         scene = row["scene"].partition(":")[0]

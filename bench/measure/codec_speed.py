@@ -62,7 +62,7 @@ def measure(arguments: argparse.Namespace) -> dict[str, Any]:
 
 
 def load_twins(folder: Path) -> dict[str, Loop]:
-    """Return the C loops by codec, compiled for this machine; they allocate what they return, as ours do."""
+    """Return the C loops by codec, compiled for this machine; like ours, they allocate their results."""
     law, curves = WeberLaw(), AdaptivePredictive()
     return {
         "deadband": _loop(folder, "deadband", law, law.multiplier),
@@ -125,7 +125,7 @@ def whole_array(codec: Codec, stimuli: Array, *, compile_above: int = 0) -> int:
 
 
 def best(ways: dict[str, Callable[[], int]], samples: int, repetitions: int) -> tuple[dict[str, float], int]:
-    """Return million samples a second of each way, measured in turns, and the number that the last one sent."""
+    """Return million samples a second of each function, measured in turns, and how many the last one sent."""
     taken = dict.fromkeys(ways, float("inf"))
     sent = 0
     for _ in range(repetitions):
@@ -179,7 +179,7 @@ def measure_codec(codec: Codec, stimuli: Array, c_loop: Loop | None, repetitions
 
 
 def check_exact(codec: Codec, stimuli: Array, c_loop: Loop) -> None:
-    """Check that a codec and its C twin send and apply the same, to the bit."""
+    """Check that a codec and its C twin agree to the bit."""
     ours = recording.encode_streamed(codec, times_us(len(stimuli)), stimuli, hand_m(len(stimuli)))
     twin = c_loop(stimuli)
     assert np.array_equal(ours.sent, twin.sent), f"{codec.name} and its C twin send other samples"

@@ -133,7 +133,7 @@ def recoveries_ms(t_us: Sequence[int], sent: Sequence[int], received: set[int]) 
 
 
 def force_blocks(seed: int) -> Iterator[FloatArray]:
-    """Yield an endless force: a hand's, through zero, with spikes that a running sum would keep, and small blocks."""
+    """Yield an endless force of a hand, through zero, with small blocks, and spikes that a running sum would keep."""
     rng = np.random.default_rng(seed)
     while True:
         force = hand_force(BLOCK_SAMPLES, rng) - rng.uniform(0.0, 3.0)
@@ -175,7 +175,7 @@ def stream_for(codec: Codec, seconds: float, most_samples: int, seed: int) -> Ro
 
 
 def whole_array(samples: int, seed: int) -> Row:
-    """Encode `samples` samples with the deadband in one call; a streaming pair must give the same end."""
+    """Encode `samples` samples with the deadband in one call; a streaming pair must end in the same state."""
     codec = Deadband(law=LAW)
     stimuli = np.empty((samples, 1))
     blocks = force_blocks(seed)
@@ -190,7 +190,7 @@ def whole_array(samples: int, seed: int) -> Row:
         held = encoding.decoded[start : start + BLOCK_SAMPLES]
         errors = np.abs(stimuli[start : start + BLOCK_SAMPLES] - held)
         exceeding += int(np.sum(~(errors <= LAW.thresholds_n(np.abs(held)))))
-    # Just after a packet, a deadband has no other history.
+    # Just after a packet, a deadband depends on nothing older.
     last = int(encoding.sent[np.searchsorted(encoding.sent, max(samples - BLOCK_SAMPLES, 0))])
     streamed = encode_streamed(codec, t_us[last:], stimuli[last:])
     same = streamed.decoded.tobytes() == encoding.decoded[last:].tobytes()
@@ -229,9 +229,9 @@ def measure(arguments: argparse.Namespace) -> Row:
 
 def main() -> None:
     parser = record.options(__doc__)
-    parser.add_argument("--seconds", type=record.within(0.0), default=10.0, help="how long each codec streams at most")
+    parser.add_argument("--seconds", type=record.within(0.0), default=10.0, help="longest stream of each codec")
     parser.add_argument(
-        "--samples", type=record.within(1), default=10**8, help="of the whole-array run, and most to stream"
+        "--samples", type=record.within(1), default=10**8, help="samples of the whole-array run; limit of a stream"
     )
     parser.add_argument("--seeds", type=record.within(1), default=5, help="lossy channels")
     parser.add_argument("--quick", action="store_true", help="a hundredth of it all")

@@ -68,7 +68,7 @@ def trials(samples: int, rng: np.random.Generator) -> list[Trial]:
 
 
 def hand_force(samples: int, rng: np.random.Generator) -> FloatArray:
-    """Return a force that wanders between 0 and 4 N as a hand's does, with a little noise."""
+    """Return a force that wanders between 0 and 4 N like a hand's, with a little noise."""
     seconds = np.arange(samples) / 1000.0
     one, other = rng.uniform(0.0, 6.0, 2)
     force: FloatArray = 2.0 + np.sin(3.0 * seconds + one) + np.sin(7.1 * seconds + other)
@@ -82,9 +82,9 @@ def _trial(name: str, t_us: npt.NDArray[np.int64], stimuli: FloatArray) -> Trial
 
 
 def in_step(encoder: Encoder, decoder: Decoder, law: WeberLaw, t_us: int, x: float) -> bool:
-    """Tell whether the encoder's dead zone lies exactly, to the bit, around what the decoder applies.
+    """Return whether the encoder's dead zone is centred, to the bit, on the value that the decoder applies.
 
-    An encoder that assumes another applied value does not send the first number beyond one of the two ends. The check
+    An encoder that assumes a different value does not send the first number beyond one of the two ends. The check
     holds for every codec with the deadband's rule once the hand rests, because rate limits and repetitions end while
     the stimulus is constant. Encoder and decoder are copied, not changed.
 

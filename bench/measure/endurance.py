@@ -1,7 +1,7 @@
 """A session of 24 simulated hours with loss, and one that passes 2³²: memory, drift, and what wraps.
 
 Both nodes run in virtual time, open and sealed. The operator repeats the same motion, so the forces of a cycle without
-loss at the end must be those of one at the beginning.
+loss at the end must equal those of one at the beginning.
 """
 
 import argparse
@@ -88,7 +88,7 @@ def cycle(loopback: Loopback) -> list[float]:
 def lasting(
     hours: float, seed: int, *, sealed: bool, rate_hz: float, start_us: int = 0, first_sequence: int = 0
 ) -> dict[str, Any]:
-    """Play a session with loss for some hours; return what it left behind."""
+    """Play a session with loss for some hours; return counters, drift and memory."""
     loopback = session(seed, sealed=sealed, rate_hz=rate_hz, start_us=start_us, first_sequence=first_sequence)
     events: Counter[str] = Counter()
     rng = np.random.default_rng(seed)

@@ -32,20 +32,20 @@ DELAYS_MS: Final = (0, 5, 10, 25, 50, 100)
 """One-way delays."""
 
 DISTURBED_MS: Final = (5, 25, 50)
-"""One-way delays that are tried with jitter and with loss, too."""
+"""One-way delays that are tried with jitter and with loss too."""
 
 JITTER: Final = Jitter(distribution="normal", deviation_us=5_000)
 LOSS: Final = BernoulliLoss(0.05)
 LINKS: Final = {"delay alone": (None, None), "jitter of 5 ms": (JITTER, None), "5 % loss": (None, LOSS)}
-"""What disturbs both directions beside the delay."""
+"""Disturbances of both directions in addition to the delay."""
 
 LARGEST_OWN_SHARE: Final = 0.05
-"""Energy is given for signals whose true force creates less than this share itself. In some recordings it does more:
+"""Energy is given for signals whose true force itself creates less than this share. Some recordings exceed it:
 something else drives the tool, or position and force were measured at different places."""
 
 FIGURES: Final = ("exceed_jnd_fraction", "rmse_n", "created_share", "active_share", "packets_per_s")
 CONTROLLED: Final = ("raw", "deadband", "adaptive-predictive", "motion-predictive")
-"""Codecs that are tried with passivity control at the master, too; see `hapticnet.control.hold`."""
+"""Codecs that are tried with passivity control at the master too; see `hapticnet.control.hold`."""
 
 
 def measure(arguments: argparse.Namespace) -> Row:
@@ -148,8 +148,8 @@ def main() -> None:
     parser.add_argument(
         "recordings", nargs="*", metavar="FILE[:FORCE[:POSITION[:SCALE]]]", help="recordings; SCALE in m per unit"
     )
-    parser.add_argument("--seeds", type=record.within(1), default=2, help="how many orders of tissues and hands")
-    parser.add_argument("--seconds", type=record.within(1.0, 1e4), default=10.0, help="most of each recording")
+    parser.add_argument("--seeds", type=record.within(1), default=2, help="number of orders of tissues and of hands")
+    parser.add_argument("--seconds", type=record.within(1.0, 1e4), default=10.0, help="longest part of each recording")
     parser.add_argument("--quick", action="store_true", help="two signals, two delays")
     record.run(parser, measure, unit="as in each name; shares 0 to 1, energy as a share of the work of the hand")
 

@@ -1,4 +1,4 @@
-"""What is touched and how, for felt.py: scenes and hands, and recordings with positions.
+"""Signals of felt.py: scenes with hands, and recordings with positions.
 
 Each signal has a kind, over which felt.py averages. The motions and the properties of the tissues are assumptions,
 chosen to be typical; each scene has one feature that the paper's lacks.
@@ -58,7 +58,7 @@ KINDS: Final = (PAPER, "other scenes", "three axes", "recorded")
 
 
 def signals(seeds: Sequence[int], recordings: Sequence[str], seconds: float) -> list[tuple[str, Trial]]:
-    """Return kind and signal of each; recordings without positions are left out, and cut after `seconds`."""
+    """Return each kind and signal; recordings are cut after `seconds`, and omitted without positions."""
     found = [(PAPER, _inserted(paper_scene(seed), HAND, seed, f"paper's scene, hand {seed}")) for seed in seeds]
     seed = seeds[0]
     found += [
@@ -93,7 +93,7 @@ def _without_friction(settings: SceneSettings | BodySceneSettings) -> BodySceneS
 
 
 def _first(trial: Trial, seconds: float) -> Trial:
-    """Return the beginning of a recording, so that all take about as long."""
+    """Return the beginning of a recording, so that all have about the same length."""
     samples = slice(0, int(np.searchsorted(trial.t_us, trial.t_us[0] + round(1e6 * seconds))))
     assert trial.positions is not None
     return replace(trial, t_us=trial.t_us[samples], stimuli=trial.stimuli[samples], positions=trial.positions[samples])

@@ -1,4 +1,4 @@
-"""The demo's chain in virtual time with a simulated device: what is asked of the platform, and what is felt."""
+"""The demo's chain in virtual time with a simulated device: the requested force, and the force felt."""
 
 from dataclasses import dataclass, replace
 from typing import Final
@@ -45,11 +45,11 @@ class Chain:
     first_touch
         Whether the finger is found before the session.
     predictor
-        Whether the platform moves toward the force expected ahead; else toward that of now.
+        Whether the platform moves toward the force expected ahead; else toward the present one.
     foresight_s, early_n
-        How far ahead [s], and the change of force [N] that is answered within a control period.
+        How far ahead [s], and the change of force [N] that triggers a response within a control period.
     on_all_fingers
-        Whether to measure it on all fingers.
+        Whether to measure the chain on all fingers.
     """
 
     codec: str = "deadband"
@@ -103,7 +103,7 @@ class Watched(Device):
 
 
 class Blindfolded(Fingertip):
-    """A fingertip that is not told what is expected."""
+    """A fingertip without force prediction."""
 
     __slots__ = ()
 
@@ -112,7 +112,7 @@ class Blindfolded(Fingertip):
 
 
 def demo_target(seed: int) -> Numbers:
-    """Return what the demo asks of the platform [N], in each ms: the scene's force after the limits."""
+    """Return the force [N] that the demo requests in each ms: the scene's force after the limits."""
     largest_n = ForceControlSettings().max_force_n - ForceControlSettings().headroom_n
     limiter = ForceLimiter(LimitSettings(max_force_n=largest_n))
     forces_n = np.abs(paper_trial(seed, insertions=INSERTIONS).stimuli[:, 0])

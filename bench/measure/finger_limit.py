@@ -1,14 +1,14 @@
-"""How well the platform could follow the demo's force, and how well it does: the part of each cause in the error.
+"""How well the platform could follow the demo's force, and how well it does: the share of each cause in the error.
 
 The limit knows the whole future. It is the cheapest sequence of setpoints, one for each servo frame, by dynamic
-programming over the position of the platform (Bellman): exact up to its grid of 20 µm. What it is spared makes it a
+programming over the position of the platform (Bellman): exact up to its grid of 20 µm. Its idealisations make it a
 lower bound: the finger, its position and the servos are known exactly, the gears have no play and the servos no
 deadband, the sensor has no part in it, and the platform may retract beyond its end. It keeps what no software can
 change: frames of 20 ms, lag, speed, the finger's stiffness, clamp and slew limit of the target.
 
 Beside it, on the same ideal device: what can be done without the future. The same search is made at each frame for the
-next 20 ms, as if the force went on along its present slope. Nothing causal can foresee a breach, so this is close to
-the best of any loop that is not told.
+next 20 ms, as if the force continued along its present slope. Nothing causal can foresee a breach, so this is close to
+the best of any loop without announcements.
 
 The loop's rows are the whole chain in virtual time: session, codec, hold, limits, force loop, simulated device.
 """
@@ -74,7 +74,7 @@ class IdealDevice:
         return np.asarray((1.0 - finger.stiffening) / finger.stiffening * np.expm1(growth * compression_m))
 
     def follow(self, target_n: Numbers, phase_ms: int, setpoint_of: Callable[[int, float], float]) -> Numbers:
-        """Return the force of each ms under a rule that gives the setpoint of each frame."""
+        """Return the force in each ms for a rule that chooses the setpoint of each frame."""
         position_m, setpoint_m = self.start_m, self.start_m
         force_n = np.zeros(len(target_n))
         steps = np.arange(1, FRAME_MS + 1)
@@ -112,7 +112,7 @@ def with_the_future(device: IdealDevice, target_n: Numbers, phase_ms: int) -> Nu
 
 
 def without_the_future(device: IdealDevice, target_n: Numbers, phase_ms: int) -> Numbers:
-    """Return the force when each setpoint is the best for a force that goes on along its slope of the last 3 ms."""
+    """Return the force when each setpoint is best for a force that continues its slope of the last 3 ms."""
     slope = np.zeros(len(target_n))
     slope[3:] = (target_n[3:] - target_n[:-3]) / 3.0
     slope[np.abs(slope) > FALL_N / 3.0] = 0.0

@@ -1,4 +1,4 @@
-"""The processes of a measurement under a flood: a slave, a master at work, and masters that join.
+"""The processes of a measurement under a flood: a slave, a working master, and joining masters.
 
 ``slave`` prints its port. ``work PORT`` keeps one session and, for each line on its standard input, prints the round
 trips since the last one. ``come PORT SECONDS`` connects again and again and prints how long each took.
@@ -36,7 +36,7 @@ SLAVE_KEY: Final = PrivateKey(bytes(range(32)))
 MASTER_KEY: Final = PrivateKey(bytes(range(1, 33)))
 PERCENTILES: Final = (50, 99)
 PAUSE_S: Final = 0.3
-"""Time between two that come; the requests of one host are limited to five a second."""
+"""Time between two joining masters; the requests of one host are limited to five a second."""
 
 PATIENCE_S: Final = 10.0
 
@@ -63,7 +63,7 @@ def make_master(*, sealed: bool, rate_hz: float) -> MasterNode:
 
 
 async def work(port: int, *, sealed: bool) -> None:
-    """Keep a session, and print the round trips [us] since the last line for each line read; end with the input."""
+    """Keep a session, and print the round trips [us] since the last line for each line read, until the input ends."""
     node = make_master(sealed=sealed, rate_hz=1000.0)
     stop = asyncio.Event()
     loop = asyncio.get_running_loop()

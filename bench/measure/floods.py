@@ -1,4 +1,4 @@
-"""Floods of requests from forged sources: round trips of a session at work, and the time a newcomer needs.
+"""Floods of requests from forged sources: round trips of a running session, and the time that a newcomer needs to join.
 
 The flood comes from addresses of 127/8 that answer nothing, so no request proves its address. Windows with and without
 it take turns in one session, with the same processes and scheduling; ratios are between neighbours.
@@ -109,7 +109,7 @@ def line(process: "subprocess.Popen[str]") -> str:
 def round_trips(worker: "subprocess.Popen[str]", seconds: float) -> dict[str, float]:
     """Return the round trips of a window."""
     assert worker.stdin is not None
-    for wait_s in (0.0, seconds):  # the first mark only begins the window
+    for wait_s in (0.0, seconds):  # the first mark only starts the window
         time.sleep(wait_s)
         worker.stdin.write("mark\n")
         answer: dict[str, float] = json.loads(line(worker))

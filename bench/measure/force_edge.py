@@ -1,6 +1,6 @@
-"""How far the force loop is from oscillating: margins of its linear model beside the edge that is observed.
+"""How far the force loop is from oscillating: margins of its linear model beside the observed edge.
 
-The edge is always that of the simulated device in Python.
+The edge is always measured on the simulated device in Python.
 """
 
 import functools
@@ -20,7 +20,7 @@ from hapticnet.device.simulated import Finger, PlantSettings, Sensor
 
 HUNT_N, SWING_N = 0.1, 0.5
 """True forces [N], peak to peak, that count as hunting and as swinging. Through the sensor's hysteresis, 10 % of 2 N,
-and the gears' play the force may move to and fro by 0.3 N without being unstable in the linear sense."""
+and the gears' play the force may oscillate by 0.3 N without being unstable in the linear sense."""
 
 RATIOS = (1.0, 1.25, 1.5, 1.75, 2.0, 2.5, 3.0, 3.5, 4.0, 5.0, 6.0, 8.0)
 BISECTIONS = 4

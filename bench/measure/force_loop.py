@@ -84,9 +84,9 @@ def step_rows(kind: str, fingers_n_m: tuple[float, ...], seeds: range, control: 
 
 
 def coarseness(stiffness_n_m: float, control: ForceControlSettings) -> Row:
-    """Return how coarse the force at the end of the step is because of the servos' deadband.
+    """Return how coarse the servos' deadband makes the force at the end of the step.
 
-    One servo moves by a deadband, or not at all; it is left alone when less than `ROUNDING` of that is missing.
+    One servo moves by a deadband, or not at all; it stays where it is if less than `ROUNDING` of that is missing.
     """
     linkage, finger = Linkage(), Finger(stiffness_n_m=stiffness_n_m)
     stood_m = finger.contact_m + compressed(TO_N) / stiffness_n_m
@@ -151,7 +151,7 @@ def measure(arguments: argparse.Namespace) -> Row:
     kind, quick = arguments.device, arguments.quick
     seeds = range(arguments.seed, arguments.seed + arguments.seeds)
     if kind == "simavr" and hasattr(os, "sched_setaffinity"):
-        # It and the simulator take turns: on one core they wake each other without delay.
+        # This process and the simulator take turns: on one core they wake each other without delay.
         os.sched_setaffinity(0, {min(os.sched_getaffinity(0))})
     fingers_n_m = FINGERS_N_M[::2] if quick else FINGERS_N_M
     delays_ms = DELAYS_MS[::3] if quick else DELAYS_MS
@@ -173,7 +173,7 @@ def measure(arguments: argparse.Namespace) -> Row:
 def main() -> None:
     parser = record.options(__doc__, seed=0)
     parser.add_argument("--device", choices=("sim", "simavr"), default="sim")
-    parser.add_argument("--seeds", type=record.within(1), default=10, help="how many noises and moments of the step")
+    parser.add_argument("--seeds", type=record.within(1), default=10, help="number of noises and step times")
     parser.add_argument("--quick", action="store_true", help="fewer fingers, rates and delays")
     unit = "as in each name; overshoot, loss and ratios are fractions, null was never reached"
     record.run(parser, measure, unit=unit)

@@ -21,7 +21,7 @@ from hapticnet.runtime.nano import Disturbance, SensorHook, SimulatedNano
 FROM_N, TO_N = 0.4, 2.0
 TICK_US = 1000
 SEED_SHIFT_US = 3000
-"""How much later [µs] each seed starts than the one before, and again its step or event: elsewhere in the servo frame
+"""Delay [µs] of each seed's start, and of its step or event, to the previous seed's: elsewhere in the servo frame
 and the control period."""
 
 MAINS_HZ = 50.0
@@ -156,7 +156,7 @@ def played(
     loss: float = 0.0,
     events: tuple[Event, ...] = (),
 ) -> tuple[np.ndarray, str | None]:
-    """Return the true force [N] tick by tick, and why the loop gave up, if it did."""
+    """Return the true force [N] tick by tick, and the loop's reason to give up, if any."""
     true_n = np.empty(1000 * seconds)
     with started(kind, settings, seed, delay_ms=delay_ms, loss=loss) as (device, start_us):
         fingertip = Fingertip(device, LimitSettings(), control)

@@ -1,7 +1,7 @@
 """Hostile datagrams by the million against slaves and master, open and sealed: no exception, and memory stays flat.
 
 Each node plays its part in a true session in virtual time while hostile datagrams arrive: as if from its peer, from
-strangers, from strangers that prove their address, and, in sealed sessions, from a peer that has the keys.
+strangers, from strangers with a proved address, and, in sealed sessions, from a peer that has the keys.
 """
 
 import argparse
@@ -30,7 +30,7 @@ PAGE_BYTES: Final = os.sysconf("SC_PAGE_SIZE")
 
 
 def fuzzed(node: str, *, sealed: bool, datagrams: int, seed: int) -> dict[str, Any]:
-    """Attack one node with `datagrams` hostile ones; return what became of it."""
+    """Attack one node with `datagrams` hostile ones; return the outcome."""
     session = Session(seed, sealed=sealed, attacked=node)
     exceptions: list[dict[str, str]] = []
     raised = 0
@@ -102,7 +102,7 @@ def main() -> None:
     parser.add_argument(
         "--only", choices=[f"{node},{kind}" for node in NODES for kind in ("open", "sealed")], help="one of the six"
     )
-    np.seterr(all="raise")  # so that a warning is an exception
+    np.seterr(all="raise")  # which turns warnings into exceptions
     record.run(parser, measure, unit="as in each name")
 
 

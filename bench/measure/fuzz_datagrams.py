@@ -31,7 +31,7 @@ RAW_BODIES: Final = (
     b"", b"\x91" * 600, b"\xdc\xff\xff", b"\xdd\xff\xff\xff\xff", b"\xdf\xff\xff\xff\xff", b"\xa1\xff", b"\xc1",
     b"\xc6\xff\xff\xff\xff", b"\xd9\xff", b"\xc7\xff\x01", b"\x93\x00\xc0", b"\x92\x81\x91\x00\x00\x00",
 )  # fmt: skip
-"""Bodies that are not what msgpack allows, or claim more than they have."""
+"""Bodies that are invalid msgpack, or claim more bytes than they have."""
 
 CODEC_PARAMETERS: Final = ("hysteresis", "absolute_every", "probability", "step_fraction", "degree", "unknown")
 
@@ -42,7 +42,7 @@ class Fuzz:
     Attributes
     ----------
     corpus
-        Datagrams that the nodes sent to each other. Add to it as the session goes on.
+        Datagrams that the nodes sent to each other. Add to it during the session.
     """
 
     def __init__(self, seed: int) -> None:
@@ -58,7 +58,7 @@ class Fuzz:
         return self.random.choice(self._ways)()
 
     def noise(self) -> bytes:
-        """Return random bytes, sometimes more than are read."""
+        """Return random bytes, sometimes more than a receiver reads."""
         return self.random.randbytes(self.random.randrange(MAX_DATAGRAM_BYTES + 2 if self.one_in(8) else 64))
 
     def flipped(self) -> bytes:
@@ -79,11 +79,11 @@ class Fuzz:
         return one[: self.random.randrange(len(one))] + other[self.random.randrange(len(other)) :]
 
     def repeated(self) -> bytes:
-        """Return a true datagram as it was."""
+        """Return a true datagram unchanged."""
         return self._true()
 
     def stretched(self) -> bytes:
-        """Return a true datagram with bytes put in."""
+        """Return a true datagram with bytes inserted."""
         data, place = self._true(), self.random.randrange(30)
         return data[:place] + self.random.randbytes(self.random.randrange(1, 9)) + data[place:]
 
@@ -101,7 +101,7 @@ class Fuzz:
         return self._packed(frame)
 
     def refilled(self) -> bytes:
-        """Return a true datagram whose body has one or two of its fields replaced, or is none."""
+        """Return a true datagram whose body has one or two of its fields replaced, or is not an array."""
         frame = self._frame()
         frame[4] = self.body(frame[4])
         if type(frame[3]) is int:
@@ -109,7 +109,7 @@ class Fuzz:
         return self._packed(frame)
 
     def body(self, like: object) -> bytes:
-        """Return a hostile body, like a true one where that can be read."""
+        """Return a hostile body, derived from the true one if that can be read."""
         if self.one_in(10):
             return self.random.choice(RAW_BODIES)
         try:
@@ -138,7 +138,7 @@ class Fuzz:
         return self._packed(fields) if not self.one_in(20) else self.random.choice(RAW_BODIES)
 
     def hello(self, nonce: int, cookie: bytes, request: bytes, mac: bytes, version: int) -> bytes:
-        """Return a HELLO with these contents, as long as it must be."""
+        """Return a HELLO with these contents, padded to the required length."""
         data = pack_hello(Hello(nonce, cookie, request, mac), 0, version)
         return data if len(data) >= HELLO_BYTES else data + bytes(HELLO_BYTES - len(data))
 

@@ -33,10 +33,10 @@ UNANSWERED: Final = 5
 """Ticks in which a new master hears only the attacker."""
 
 SETTLED: Final = 500
-"""Ticks in which a master surely has a session."""
+"""Ticks after which a master must have a session."""
 
 LARGEST_BODY: Final = 1_000
-"""A seal does not make datagrams larger than are read."""
+"""Limit that keeps sealed datagrams within the size that is read."""
 
 CODECS: Final = ("deadband", "adaptive-predictive", "raw", "least-squares", "linear-predictive", "motion-predictive")
 
@@ -58,7 +58,7 @@ class Session:
     lost
         Masters that did not keep their first session, though nobody else had its keys; only if sealed.
     insiders, requests
-        Datagrams under a true seal, in every other session; requests from proved addresses.
+        Datagrams with a valid seal, in every other session; requests from proved addresses.
     """
 
     def __init__(self, seed: int, *, sealed: bool, attacked: str) -> None:
@@ -169,7 +169,7 @@ class Session:
         return f"198.51.100.{number % 250}", 40_000 + number
 
     def _insiders(self) -> bytes | None:
-        """Return a datagram with a hostile body under a true seal: from a peer that has the keys."""
+        """Return a datagram with a hostile body with a valid seal: from a peer that has the keys."""
         if self._attacks_slave:
             stream = self._master.session._stream
             if stream is None or stream.seal is None:
@@ -202,7 +202,7 @@ class Session:
         return (t_us, None, *self._bound()) if kind is Kind.KEEPALIVE else ("reason", self.fuzz.random.randrange(9))
 
     def _bound(self) -> tuple[bytes, ...]:
-        """Return the field with a stiffness bound, or none."""
+        """Return the field with a stiffness bound, if any."""
         random = self.fuzz.random
         if random.randrange(2):
             return ()
@@ -210,7 +210,7 @@ class Session:
         return (random.choice((struct.pack(">4f", *numbers), random.randbytes(16), random.randbytes(7), b"")),)
 
     def _answer(self) -> bytes:
-        """Return a hostile answer to the HELLO that the master is waiting with."""
+        """Return a hostile answer to the HELLO that the master last sent."""
         fuzz = self.fuzz
         kind = fuzz.random.choice((Kind.COOKIE, Kind.WELCOME, Kind.REFUSE))
         contents: tuple[Any, ...] = (fuzz.random.randbytes(COOKIE_BYTES),)

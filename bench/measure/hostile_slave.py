@@ -1,6 +1,6 @@
 """The largest force on a finger that a hostile slave can cause, found by a search over what it may send.
 
-Two searches, each on fingers of any stiffness in a range. *asked*: any force and any force ahead, asked of the force
+Two searches, each on fingers of any stiffness in a range. *asked*: any force, now and ahead, requested from the force
 loop at its own rate: all that a slave can reach, whatever it sends. *sent*: datagrams of an open session to a master
 with a device: any rate, any payload of several codecs, announced models, keepalives, and new sessions at any moment.
 Both mutate the worst sequences found so far; a search starts from those in hostile_worst.json, which tests replay
@@ -81,7 +81,7 @@ SMALLEST_SESSION: Final = 1 << 16
 
 
 class Asked(NamedTuple):
-    """A force, and the force ahead, that are asked of the loop for some time."""
+    """A force, and the force ahead, that are requested from the loop for some time."""
 
     ms: int
     force_n: float
@@ -127,7 +127,7 @@ Move = Asked | Sent
 
 
 PRESS: Final = Asked(120, 6.0, 6.0)
-"""How hard a sequence that grows could still press."""
+"""How hard a growing sequence could still press."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -144,7 +144,7 @@ def some_force_n(rng: random.Random) -> float:
 
 
 def play_asked(device: Simulated, now_us: int, sequence: Sequence) -> float:
-    """Return the largest true force [N] on the finger while the loop is asked for what the moves say."""
+    """Return the largest true force [N] on the finger while the loop follows the moves."""
     asked = AskedLoop(device, now_us)
     for move in sequence.moves:
         assert isinstance(move, Asked)
@@ -153,7 +153,7 @@ def play_asked(device: Simulated, now_us: int, sequence: Sequence) -> float:
 
 
 class AskedLoop:
-    """A force loop that is asked for what moves say; it can be copied at any moment with a device in Python.
+    """A force loop that follows moves; with a device in Python it can be copied at any moment.
 
     Attributes
     ----------
@@ -182,7 +182,7 @@ class AskedLoop:
 
 
 class HostileSlave:
-    """The slave's end of open sessions with one master; it sends what it is told to."""
+    """The slave's end of open sessions with one master; it sends what the moves say."""
 
     def __init__(self, master: MasterNode) -> None:
         self._master = master
@@ -246,7 +246,7 @@ def payload_of(move: Sent, codec: str) -> bytes:
 
 
 def layer_of(move: Sent) -> LayerAhead:
-    """Return a layer that is as stiff as a move says, somewhere in the way of the hand."""
+    """Return a layer as stiff as a move says, somewhere in the hand's path."""
     return LayerAhead(0.01 * move.force_n, 10.0 + 100.0 * abs(move.slope), viscosity_n_s_per_m=abs(move.slope))
 
 
@@ -275,7 +275,7 @@ def play_sent(device: Simulated, now_us: int, sequence: Sequence) -> float:
 
 
 def grown(range_n_m: tuple[float, float], seconds: float, rng: random.Random) -> list[Sequence]:
-    """Return the worst of each round of sequences that grow on the simulated device, for some time."""
+    """Return the worst of each round of growing sequences on the simulated device, for some time."""
     worst, end_s = [], time.monotonic() + seconds
     while time.monotonic() < end_s:
         stiffness_n_m, seed = some_stiffness(range_n_m, rng), rng.randrange(70)

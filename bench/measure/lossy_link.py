@@ -25,7 +25,7 @@ IFF_NO_PI: Final = 0x1000
 
 LARGEST_PACKET: Final = 65536
 FIFO_PRIORITY: Final = 11
-"""Above the processes that are measured, so that the link does not wait for them."""
+"""Above the measured processes, so that the link does not wait for them."""
 
 
 def open_tun(name: str) -> int:
@@ -50,7 +50,7 @@ class Direction:
         return self._waiting[0][0] if self._waiting else None
 
     def take_in(self) -> None:
-        """Read what was sent."""
+        """Read the sent packets."""
         while True:
             try:
                 packet = os.read(self.source, LARGEST_PACKET)
@@ -60,7 +60,7 @@ class Direction:
                 self._waiting.append((time.monotonic() + self._delay_s, packet))
 
     def deliver(self, now_s: float) -> None:
-        """Write what is due."""
+        """Write the packets that are due."""
         while self._waiting and self._waiting[0][0] <= now_s:
             try:
                 os.write(self._target, self._waiting.popleft()[1])

@@ -2,7 +2,7 @@
 
 The signals are those of felt.py. A predictor is left out by letting the codec believe that it has needed infinitely
 many packets. "Positions in reverse" is a control: the positions of the same recording, but from its end to its start,
-so that they say nothing of the force.
+so that they say nothing about the force.
 """
 
 import argparse
@@ -74,13 +74,13 @@ def measure(arguments: argparse.Namespace) -> Row:
 
 
 def reversed_positions(trial: Trial) -> Trial:
-    """Return a trial whose positions say nothing of the force."""
+    """Return a trial whose positions say nothing about the force."""
     assert trial.positions is not None
     return Trial(name=trial.name, t_us=trial.t_us, stimuli=trial.stimuli, positions=trial.positions[::-1].copy())
 
 
 def played(trial: Trial, kind: str, variant: str, codec: Codec) -> Row:
-    """Return the packets of a signal, and what is felt of it with a delay."""
+    """Return the packets of a signal, and how it feels with a delay."""
     assert trial.positions is not None
     link = ChannelSettings(delay_us=1000 * DELAY_MS)
     felt = simulate_link(
@@ -100,7 +100,7 @@ def played(trial: Trial, kind: str, variant: str, codec: Codec) -> Row:
 
 
 def means(rows: Sequence[Row]) -> list[Row]:
-    """Return for each kind and variant the packets over those of all four predictors (a geometric mean), and felt."""
+    """Return for each kind and variant the packets relative to all four predictors (geometric mean), and the error."""
     whole = {
         (row["kind"], row["signal"], row["multiplier"]): row["packets"] for row in rows if row["variant"] == "all four"
     }

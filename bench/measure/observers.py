@@ -1,4 +1,4 @@
-"""Play the ordering task under many thresholds, and show what simulated observers of several kinds make of it.
+"""Play the ordering task under many thresholds, and show how several kinds of simulated observers answer.
 
 ::
 
@@ -41,7 +41,7 @@ PUSHES_S: Final = (1.1, 0.7, 0.45)
 PEOPLE: Final = 8
 TRIALS: Final = 10
 FATIGUE: Final = 1.75
-"""By which factor noise grows from the first block to the last to turn 77.5 % into 53.75 %: closed form, .448/.257."""
+"""Factor of noise from the first block to the last that turns 77.5 % into 53.75 %: closed form, .448/.257."""
 
 MECHANISMS: Final[dict[str, ObserverSettings]] = {
     "deadband alone": OBSERVERS["fitted"],
@@ -64,7 +64,7 @@ class Felt(NamedTuple):
 def play_library(
     plan: Plan, *, motions: int, jobs: int, seed: int = 1, make_hand: MakeHand = trial.scripted_hand
 ) -> list[Felt]:
-    """Play every order of the tissues under every condition of a plan, with so many motions of the hand each."""
+    """Play every order of the tissues under every condition of a plan, with several motions of the hand each."""
     orders = list(permutations(plan.order.breach_forces_n))
     tasks = [
         (condition, forces_n, seed + 1000 * motion + order)
@@ -111,7 +111,7 @@ def plan_of(thresholds: tuple[float, ...], unit: str = "JND", jnd: JndPlan | Non
 
 
 def quick_hand(stimulus: Stimulus, push_s: float) -> Any:
-    """Return a hand whose pushes last so long; see `trial.scripted_hand`."""
+    """Return a hand with pushes of this duration; see `trial.scripted_hand`."""
     trial.PUSH_S = push_s  # type: ignore[misc]  # each process plays one trial at a time
     return trial.scripted_hand(stimulus)
 
@@ -128,7 +128,7 @@ def answered(
 
 
 def figures(orders: Any, experiments: int) -> dict[str, Any]:
-    """Return the share of correct orders, and how many of the wrong ones have soft and hard swapped."""
+    """Return the share of correct orders, and of soft and hard swapped among the wrong ones."""
     right = (orders == np.arange(3)).all(axis=1)
     each = right.reshape(experiments, PEOPLE * TRIALS).mean(axis=1)
     place = np.argsort(orders, axis=1)

@@ -40,7 +40,7 @@ Row = dict[str, Any]
 
 
 def true_forces(seed: int, motion: InsertionSettings, rate_hz: float) -> Columns:
-    """Return the true force at every position of one seed's hand in its scene, as a slave records it."""
+    """Return the true force at every position of one seed's hand in its scene, as recorded by a slave."""
     true = paper_trial(seed, rate_hz, motion=motion)
     assert true.positions is not None
     force_n = true.stimuli[:, 0]
@@ -88,7 +88,7 @@ def compared(
     rate_hz: float,
     floor_n: float = PAPER_FLOOR_N,
 ) -> list[Row]:
-    """Return one row per condition; the first, "none", is what the others are measured against."""
+    """Return one row per condition; the first, "none", is the reference for the others."""
     true = [true_forces(seed, motion, rate_hz) for seed in seeds]
     rows: list[Row] = []
     for condition in conditions:
@@ -115,7 +115,7 @@ def crossing_hz(rows: Sequence[Row]) -> float | None:
 
 
 def curve(seeds: Sequence[int], motion: InsertionSettings, *, floor_n: float = PAPER_FLOOR_N) -> Row:
-    """Return what 1 JND does over the sampling rate, and where on this curve the paper's reduction falls."""
+    """Return the effect of 1 JND over the sampling rate, and where on this curve the paper's reduction falls."""
 
     def at(rate_hz: float) -> Row:
         return compared((NONE, ONE_JND), seeds, motion, rate_hz=rate_hz, floor_n=floor_n)[1]

@@ -1,9 +1,9 @@
 """The two ends of a measurement beside peers, a process each.
 
 ``far NAME HOST`` hosts the scene, and prints ``ready`` and the process ids of its helpers. ``near NAME HOST`` waits for
-a line on its standard input, connects and sends a position in each tick. It prints ``begin`` and ``end`` around what is
-measured, waits for a line again, and writes what it saw to a file: each tick's time [µs], position [m], force held [N]
-and age [µs] of what that force answers, and the round trips [µs].
+a line on its standard input, connects and sends a position in each tick. It prints ``begin`` and ``end`` around the
+window, waits for a line again, and writes what it saw to a file: each tick's time [µs], position [m], force held [N]
+and age [µs] of the position that this force answers, and the round trips [µs].
 """
 
 import argparse
@@ -53,7 +53,7 @@ def make_operator(seed: int) -> ScriptedOperator:
 
 
 class Window:
-    """Count ticks; say when what is measured begins and ends; keep each tick."""
+    """Count ticks; announce when the window begins and ends; keep each tick."""
 
     def __init__(self, arguments: argparse.Namespace) -> None:
         self.done = asyncio.Event()
@@ -77,7 +77,7 @@ class Window:
             self.done.set()
 
     def report(self, trips: Distribution) -> dict[str, Any]:
-        """Return what was seen, the ticks before the window included."""
+        """Return all ticks, including those before the window."""
         percentiles = {f"p{percent}": trips.percentile(percent) for percent in PERCENTILES}
         return {
             "ticks": self.ticks[: self._last],
@@ -166,7 +166,7 @@ def main() -> None:
     parser.add_argument("stack", help="a stack by its name, or hapticnet (near only)")
     parser.add_argument("host", help="IPv4 address of the far end")
     parser.add_argument("--settings", default="{}", help="MasterSettings as JSON, and whether the session is sealed")
-    parser.add_argument("--warm-up", type=int, default=500, help="ticks before what is measured")
+    parser.add_argument("--warm-up", type=int, default=500, help="ticks before the measurement")
     parser.add_argument("--ticks", type=int, default=4000, help="ticks that are measured")
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--real-time", action="store_true")

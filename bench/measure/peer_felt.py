@@ -1,4 +1,4 @@
-"""How old the force in the hand is, by what can be felt."""
+"""The perceptible age of the force in the hand."""
 
 from collections.abc import Sequence
 from typing import Any, Final
@@ -17,10 +17,10 @@ OLDEST_TICKS: Final = 1000
 
 
 def ages(report: dict[str, Any]) -> dict[str, float | None]:
-    """Return how old the force held was, from what a near end saw in its window.
+    """Return the age of the held force, from the ticks of a near end's window.
 
     ``age_…``: time [ms] since the position that the newest message answered. ``felt_p99_ms``: time since the newest
-    position whose true force is within a JND of the force held; 0 where the force held is right now, None where it was
+    position whose true force is within a JND of the force held; 0 where the held force is right, None where it was
     right at no position of the last second. ``wrong``: share of ticks at which it is not right now. ``rmse_n``: root
     mean square of its error [N] at the present positions.
     """
@@ -42,14 +42,14 @@ def ages(report: dict[str, Any]) -> dict[str, float | None]:
 
 
 def true_forces_n(positions_m: np.ndarray) -> np.ndarray:
-    """Return the forces of the scene at positions that all arrive in time, as messages have them."""
+    """Return the scene's forces at positions that all arrive in time, rounded as in messages."""
     scene = make_scene()
     narrow = positions_m.astype(np.float32).tolist()
     return np.array([scene.step(PositionSample(t, (x,))).force_n[0] for t, x in enumerate(narrow)])
 
 
 def felt_ticks(true_n: np.ndarray, held_n: np.ndarray) -> np.ndarray:
-    """Return for each tick how many ticks ago the force held was within a JND of the true one; -1: at none of them."""
+    """Return for each tick how many ticks ago the force held was within a JND of the true one; -1: never."""
     law = WeberLaw()
     jnd_n = np.array([law.threshold_n(force_n) for force_n in true_n.tolist()])
     lags = np.full(len(true_n), -1)

@@ -1,4 +1,4 @@
-"""Two network namespaces and the link between them; counters and CPU time of what runs there."""
+"""Two network namespaces and the link between them; counters and CPU time of the processes there."""
 
 import os
 import subprocess
@@ -16,7 +16,7 @@ FAR_HOST: Final = "10.77.0.2"
 INTERFACE: Final = "wire"
 RELAY: Final = Path(__file__).with_name("lossy_link.py")
 ETHERNET_HEADER_BYTES: Final = 14
-"""Counted by a veth interface with each packet, and not by a TUN interface."""
+"""Header that a veth interface counts in each packet, and a TUN interface does not."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,7 +46,7 @@ def link(delay_ms: float | None, loss: float, seed: int) -> Iterator[Link]:
     try:
         for name in (near, far):
             ip("netns", "add", name)
-            # No packets of IPv6 neighbours among what is counted.
+            # Keep packets of IPv6 neighbours out of the counts.
             ip("netns", "exec", name, "sysctl", "-qw", "net.ipv6.conf.all.disable_ipv6=1", needed=False)
             ip("-n", name, "link", "set", "lo", "up")
         if delay_ms is None:
@@ -85,7 +85,7 @@ def sent(process: int, extra_bytes: int) -> tuple[int, int]:
     for line in Path(f"/proc/{process}/net/dev").read_text().splitlines():
         name, _, counters = line.partition(":")
         if name.strip() == INTERFACE:
-            columns = counters.split()  # eight of what was received, then bytes and packets sent
+            columns = counters.split()  # eight received counts, then bytes and packets sent
             packets = int(columns[9])
             return packets, int(columns[8]) - packets * extra_bytes
     raise UnavailableError(f"process {process} has no interface {INTERFACE}")

@@ -44,7 +44,7 @@ class Runner:
         self._environment = os.environ | {"PYTHONPATH": str(REPOSITORY)}
 
     def run(self, wire: Link, name: str, settings: dict[str, Any] | None) -> dict[str, Any]:
-        """Run a stack by its name, or hapticnet with settings; return the figures, and what was ``seen``.
+        """Run a stack by its name, or hapticnet with settings; return the figures, and the ticks ``seen``.
 
         Raises
         ------
@@ -109,7 +109,7 @@ class Runner:
 
 
 class End:
-    """A process of a measurement; what it says on stderr goes to a file, and what a slave says is read from there."""
+    """A process of a measurement; its stderr goes to a file, from which a slave's messages are read."""
 
     def __init__(self, command: list[str], said: Path, environment: dict[str, str]) -> None:
         self._said = said
@@ -120,7 +120,7 @@ class End:
         self.process_id = self._process.pid  # `ip netns exec` becomes the command
 
     def line(self, start: str, within_s: float = START_WITHIN_S) -> str:
-        """Wait for a line of the process that has some words, and return it."""
+        """Wait for a line of the process that contains these words, and return it."""
         assert self._process.stdout is not None
         until_s = time.monotonic() + within_s
         while time.monotonic() < until_s:

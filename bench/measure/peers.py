@@ -1,6 +1,6 @@
 """The same work over other stacks: positions a thousand times a second one way, forces back the other.
 
-Each stack has two processes in two network namespaces with a link of their own. Quiet, the link is a veth pair, and a
+Each stack has two processes in two network namespaces with their own link. Quiet, the link is a veth pair, and a
 bare UDP echo runs before and after each measurement. Lossy, a process delays each IP packet and drops some, the same
 way for all. A stack whose packages are missing is left out, with a line.
 """
@@ -39,11 +39,11 @@ MASTERS: Final[dict[str, dict[str, Any]]] = {
     "hapticnet, motion-predictive": {"codec": "motion-predictive"},
     "hapticnet, announced": {"codec": "motion-predictive", "positions": "line", "announced": True},
 }
-"""What a master of hapticnet asks for. The first three are measured sealed too."""
+"""Settings that a master of hapticnet asks for. The first three are measured sealed too."""
 
 QUICK: Final = ("UDP", "TCP", "hapticnet, raw", "hapticnet, few positions, sealed")
 FIFO_PRIORITY: Final = 12
-"""Of this process, above what it measures, so that counters are read in time."""
+"""Priority of this process, above the measured ones, so that counters are read in time."""
 
 Cases = dict[str, dict[str, Any] | None]
 
@@ -132,7 +132,7 @@ def measure(arguments: argparse.Namespace) -> dict[str, Any]:
     """Return all results."""
     if os.geteuid():
         raise UnavailableError("network namespaces and the lossy link need root: run this with sudo, or as root")
-    signal.signal(signal.SIGTERM, lambda *_: sys.exit(143))  # through what ends processes and namespaces
+    signal.signal(signal.SIGTERM, lambda *_: sys.exit(143))  # unwind, which ends processes and namespaces
     fifo = not arguments.no_real_time and fifo_is_granted()
     if fifo:
         os.sched_setscheduler(0, os.SCHED_FIFO | os.SCHED_RESET_ON_FORK, os.sched_param(FIFO_PRIORITY))

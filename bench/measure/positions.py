@@ -1,9 +1,9 @@
-"""Positions that are only sent when they matter: what they cost and what is felt, beside raw positions in the same run.
+"""Positions that are only sent when they matter: their cost and the felt force, beside raw positions in the same run.
 
 Both nodes play whole sessions in virtual time: every datagram is built, carried and parsed. In each tick of the master,
 the force that is applied then is compared with the true force of the position of that tick. Without delay the answer to
-a tick is applied one tick later, so a fast hand feels errors of raw positions, too; tests/node/test_node_positions.py
-tests the law for what each answer leaves applied.
+a tick is applied one tick later, so a fast hand feels errors of raw positions too; tests/node/test_node_positions.py
+tests the law after each answer.
 """
 
 import argparse
@@ -45,7 +45,7 @@ SCENES: Final = {
     "stiffening": {"stiffening_per_m": 100.0},
     "viscous": {"viscosity_n_s_per_m": 1.0},
 }
-"""What the paper's tissues are given besides."""
+"""Additional properties of the paper's tissues."""
 
 CODECS: Final = ("deadband", "linear-predictive", "adaptive-predictive", "motion-predictive")
 SHARES: Final = (0.1, 0.25, 0.5, 0.75, 0.9)
@@ -98,7 +98,7 @@ def quick() -> list[Case]:
 
 
 def played(case: Case, seed: int) -> Row:
-    """Play a session; return what it cost and what was felt."""
+    """Play a session; return its cost and the felt error."""
     tissues = tuple(replace(tissue, **SCENES[case.scene]) for tissue in paper_scene(seed).tissues)
     operator = ScriptedOperator(HANDS[case.hand], np.random.default_rng([seed, 1]))
     settings = MasterSettings(
@@ -130,7 +130,7 @@ def cost(loop: Loopback) -> Row:
 
 
 def felt(loop: Loopback, tissues: tuple[Tissue, ...]) -> Row:
-    """Return how far the force that was held in each tick was from the true one."""
+    """Return the error of the held force in each tick."""
     assert loop.master.recording is not None
     table, scene = loop.master.recording.table(), Scene(tissues)
     true_n = [

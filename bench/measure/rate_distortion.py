@@ -1,4 +1,4 @@
-"""Every codec over every signal, threshold, payload and loss: what it sends, with what error, how far from the best.
+"""Every codec over every signal, threshold, payload and loss: its traffic, its error, and its distance from the best.
 
 Also: which codec needs the fewest packets and bytes on each signal, and whether published reductions are reached.
 """
@@ -83,7 +83,7 @@ def lossless(
 
 
 def lossy(trials: Sequence[Trial], losses: Sequence[float], seeds: Iterable[int]) -> list[Row]:
-    """Return a row for every signal, codec, loss and seed of what is lost, at 1 JND."""
+    """Return a row for every signal, codec, loss and seed of the losses, at 1 JND."""
     chosen = codecs((1.0,))
     return [kept(row) for seed in seeds for row in compare(trials, chosen, loss=losses, seed=seed)]
 
@@ -110,7 +110,7 @@ def averaged(trial: Trial, codec: Codec, beside: Sequence[float]) -> Row:
 
 
 def kept(row: ComparisonRow) -> Row:
-    """Return what is recorded of a row."""
+    """Return the recorded part of a row."""
     flat = row.flat()
     own = {
         "step_n": row.parameters.get("step_n", 0.0),
@@ -134,7 +134,7 @@ def averages(rows: Sequence[Row], sets: Mapping[str, Sequence[str]], signal_of: 
             made = {"signals": name, "loss": loss, "multiplier": multiplier, "step_n": step_n, "codec": codec}
             for figure in MEANS:
                 values = [(signal_of[row["trial"]], row.get(figure)) for row in block]
-                # None: infinite, as a jump where the law has no floor; or not measured.
+                # None: not measured, or infinite, like a jump where the law has no floor.
                 made[figure] = None if any(value is None for _, value in values) else mean(values)
             for figure in LARGEST:
                 made[f"largest_{figure}"] = max((row[figure] for row in block if row[figure] is not None), default=None)
@@ -153,7 +153,7 @@ def mean(figures: Iterable[tuple[str, float]]) -> float:
 def contest(rows: Sequence[Row]) -> list[Row]:
     """Return the codecs with the fewest packets and the fewest bytes, on each signal at each threshold.
 
-    Only codecs compete that keep to 1 JND on that signal when it is their threshold.
+    Only codecs that keep to 1 JND on that signal, with a threshold of 1 JND, compete.
     """
     strict = {
         (row["trial"], row["codec"], row["step_n"])
@@ -185,7 +185,7 @@ def contest(rows: Sequence[Row]) -> list[Row]:
 
 
 def regimes(trials: Sequence[Trial], thresholds: Sequence[float]) -> list[Row]:
-    """Return the reductions of published codecs over the threshold, on forces of the scale they were published for."""
+    """Return the reductions of published codecs over the threshold, on forces of the published scale."""
     rows = []
     for trial in trials:
         law = WeberLaw()
@@ -226,7 +226,7 @@ def measure(arguments: argparse.Namespace) -> Row:
     }
     trials = [trial for members in signals.values() for trial in members]
     kinds = {trial.name: kind for kind, members in signals.items() for trial in members}
-    # The paper's scene counts as one signal, whichever hand felt it.
+    # The paper's scene counts as one signal, whatever hand felt it.
     signal_of = {name: "paper's scene" if kind == "scene" else name for name, kind in kinds.items()}
     sets = {
         name: list(dict.fromkeys(signal_of[trial] for trial, kind in kinds.items() if kind in members))

@@ -1,7 +1,7 @@
 """Signals for the codecs: the paper's scene, forces made from a seed, and recordings given on the command line.
 
-Anyone can repeat the figures on made signals; each of them is one difficulty that codecs meet. Their amplitudes and
-durations are assumptions, chosen to be typical. Positions increase into what is touched; all are sampled at 1 kHz.
+Anyone can repeat the figures on made signals; each one poses one difficulty for codecs. Their amplitudes and
+durations are assumptions, chosen to be typical. Positions increase inward; all are sampled at 1 kHz.
 """
 
 from collections.abc import Callable, Sequence
@@ -65,7 +65,7 @@ def smooth_palpation(rng: np.random.Generator, samples: int) -> tuple[Array, Arr
 
 
 def noisy_hold(rng: np.random.Generator, samples: int) -> tuple[Array, Array]:
-    """Return 2 N held by a hand whose force wanders by some percent, with sensor noise."""
+    """Return 2 N held by a hand whose force wanders by a few per cent, with sensor noise."""
     wander_n = coloured(rng, samples, correlation_s=0.5, rms=0.1)
     position_m = 5e-3 + coloured(rng, samples, correlation_s=0.05, rms=TREMOR_M)
     return 2.0 + wander_n + rng.normal(0.0, 0.03, samples), position_m
@@ -74,7 +74,7 @@ def noisy_hold(rng: np.random.Generator, samples: int) -> tuple[Array, Array]:
 def impacts(rng: np.random.Generator, samples: int) -> tuple[Array, Array]:
     """Return taps on something hard: a burst of decaying vibration, then a held force.
 
-    A decaying sinusoid whose size goes with the speed of the tap is the model of Okamura, Cutkosky and Dennerlein,
+    The model is a decaying sinusoid in proportion to the speed of the tap: Okamura, Cutkosky and Dennerlein,
     "Reality-based models for vibration feedback in virtual environments" (2001); their parameters are not used.
     """
     force_n = rng.normal(0.0, SENSOR_NOISE_N, samples)
@@ -93,7 +93,7 @@ def impacts(rng: np.random.Generator, samples: int) -> tuple[Array, Array]:
 
 
 def free_motion(rng: np.random.Generator, samples: int) -> tuple[Array, Array]:
-    """Return the reading of a sensor in the air: friction and inertia of the tool, around zero, with noise."""
+    """Return the reading of a sensor in free air: friction and inertia of the tool, around zero, with noise."""
     position_m = presses(rng, samples, move_s=(0.5, 1.5), rest_s=(0.1, 0.3), depth_m=(20e-3, 80e-3))
     inertia_n = 0.05 * np.gradient(np.gradient(position_m, 1.0 / RATE_HZ), 1.0 / RATE_HZ)
     return inertia_n + coloured(rng, samples, correlation_s=0.02, rms=0.05) + rng.normal(
@@ -102,9 +102,9 @@ def free_motion(rng: np.random.Generator, samples: int) -> tuple[Array, Array]:
 
 
 def stiff_wall(rng: np.random.Generator, samples: int) -> tuple[Array, Array]:
-    """Return an arm pressing a wall of 3 kN/m with up to some 25 N, most of the time in contact.
+    """Return an arm pressing a wall of 3 kN/m with up to about 25 N, most of the time in contact.
 
-    The scale is that of teleoperation with the whole arm, for which the published reductions hold.
+    The scale is typical of teleoperation with the whole arm, for which the reductions were published.
     """
     depth_m = presses(rng, samples, move_s=(0.3, 0.9), rest_s=(0.1, 0.4), depth_m=(2e-3, 8.5e-3))
     position_m = depth_m - 0.5e-3 + coloured(rng, samples, correlation_s=0.03, rms=TREMOR_M)
@@ -139,7 +139,7 @@ def presses(
     rest_s: tuple[float, float],
     depth_m: tuple[float, float],
 ) -> Array:
-    """Return positions that move to drawn depths, three out of four times, or back to 0, and rest there.
+    """Return positions that move to random depths, three out of four times, or back to 0, and rest there.
 
     Each move has minimum jerk: Flash and Hogan, "The coordination of arm movements" (1985).
     """
@@ -156,7 +156,7 @@ def presses(
 
 
 def coloured(rng: np.random.Generator, samples: int, *, correlation_s: float, rms: float) -> Array:
-    """Return noise whose autocorrelation falls by e in `correlation_s`, of the first order."""
+    """Return noise of the first order, whose autocorrelation falls by a factor e in `correlation_s`."""
     keep = float(np.exp(-1.0 / (correlation_s * RATE_HZ)))
     value, values = 0.0, np.empty(samples)
     for index, draw in enumerate(rng.normal(0.0, rms * np.sqrt(1.0 - keep * keep), samples).tolist()):

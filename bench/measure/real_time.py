@@ -62,7 +62,7 @@ def write_keys(folder: Path) -> tuple[list[str], list[str]]:
 
 
 def fifo_is_granted() -> bool:
-    """Tell whether this user may use SCHED_FIFO; asked in a separate process."""
+    """Return whether this user may use SCHED_FIFO, tested in a separate process."""
     code = "import os; os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(10))"
     return subprocess.run([sys.executable, "-c", code], stderr=subprocess.DEVNULL, check=False).returncode == 0
 

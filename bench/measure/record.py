@@ -24,7 +24,7 @@ def options(description: str | None, *, seed: int = 1) -> argparse.ArgumentParse
 
 
 def within(least: float, most: float = 1e9) -> Callable[[str], float]:
-    """Return a parser of numbers in a range; of whole ones if `least` is an int."""
+    """Return a parser of numbers in a range; whole numbers if `least` is an int."""
 
     def number(text: str) -> float:
         if not least <= (value := type(least)(text)) <= most:
@@ -68,7 +68,7 @@ def run(parser: argparse.ArgumentParser, measure: Callable[[argparse.Namespace],
 def cpu_of_others_s() -> float:
     """Return the processor time [s] of this machine since it started, without that of this benchmark.
 
-    The time of a child counts as that of others until it has been waited for.
+    A child's time counts as that of other programs until the child has been waited for.
     """
     fields = Path("/proc/stat").read_text(encoding="ascii").splitlines()[0].split()[1:9]
     user, nice, system, _idle, _waiting, irq, softirq, _stolen = map(int, fields)
@@ -78,7 +78,7 @@ def cpu_of_others_s() -> float:
 
 
 def describe_revision() -> str:
-    """Return git's name of this revision; "unknown" outside a repository."""
+    """Return git's description of this revision; "unknown" outside a repository."""
     command = ["git", "describe", "--always", "--dirty"]
     try:
         done = subprocess.run(command, cwd=Path(__file__).parent, capture_output=True, text=True, check=True)

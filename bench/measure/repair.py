@@ -1,6 +1,6 @@
 """What loss does to the applied force with no repair, with replacement after a round trip, and with all of repair.
 
-Losses are those of a Gilbert-Elliott chain, the same in both directions. In the emulator the chain takes one step for
+Losses follow a Gilbert-Elliott chain, the same in both directions. In the emulator the chain takes one step for
 each datagram, so that on sparse feedback a burst of five takes five updates, however far apart; the rows whose clock is
 "ms" let it step once a millisecond instead, as bursts of a network do.
 """
@@ -43,7 +43,7 @@ def cases(seeds: Sequence[int], seconds: float, *, quick: bool) -> list[Case]:
 
 
 def release_cases(seed: int, seconds: float, *, quick: bool) -> list[Case]:
-    """Return the cases that count how often losses make the master let go."""
+    """Return the cases that count how often losses make the master release the force."""
     scene = Case(signal=SCENE, repair="all", loss=0.3, seconds=seconds, seed=seed)
     links = [(5.0, delay_us, 0) for delay_us in DELAYS_US] + [(2.0, 100_000, 0), (1.0, 100_000, 0), (5.0, 50_000, 5000)]
     return [
@@ -77,7 +77,7 @@ def averaged(rows: Sequence[Row]) -> list[Row]:
 
 
 def compared(rows: Sequence[Row]) -> list[Row]:
-    """Add to each row its exceedance and bytes over those of the same link without loss."""
+    """Add to each row its exceedance and bytes relative to the same link without loss."""
     without = {
         (row["signal"], row["codec"], row["delay_us"]): row for row in rows if not row["loss"] and not row["jitter_us"]
     }

@@ -39,7 +39,7 @@ LAW: Final = WeberLaw()
 PERIOD_US: Final = 1000
 SHORTEST_INSERTION_S: Final = 4.5
 WARM_UP_US: Final = 2_000_000
-"""Time from which errors, bytes and releases count: the loss of a link is unknown before the first one."""
+"""Time from which errors, bytes and releases count: the loss of a link is unknown before its first loss."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -53,7 +53,7 @@ class Case:
     loss, burst
         Share of the datagrams that are lost, in each direction, and mean length of a burst.
     clock
-        What a burst is counted in: "datagrams" of a direction, or "ms" of time.
+        Unit of a burst's length: "datagrams" of a direction, or "ms" of time.
     delay_us, jitter_us
         One way, in each direction; deviation of a half-normal jitter that keeps the order.
     seconds
@@ -73,7 +73,7 @@ class Case:
 
 
 class Lossy:
-    """A channel that notes what was lost, and whose bursts can last a time instead of a number of datagrams."""
+    """A channel that notes losses, and whose bursts can be measured in time instead of datagrams."""
 
     def __init__(self, case: Case, rng: np.random.Generator) -> None:
         chain = gilbert(case.loss, case.burst)
@@ -112,7 +112,7 @@ class Lossy:
 
 
 def gilbert(loss: float, burst: float) -> GilbertElliottLoss | None:
-    """Return the chain with a mean loss and a mean length of bursts; a length of 1 stands for independent losses."""
+    """Return the chain with a mean loss and a mean length of bursts; a length of 1 means independent losses."""
     if not loss:
         return None
     leave = 1.0 / burst if burst > 1.0 else 1.0 - loss
@@ -135,7 +135,7 @@ class RecordedScene:
 
 
 class Still:
-    """An operator that moves little."""
+    """An operator that hardly moves."""
 
     axes = 1
     duration_us = None
@@ -147,7 +147,7 @@ class Still:
 
 @dataclass(frozen=True, slots=True)
 class Signal:
-    """What is felt: a recording [N], or the paper's scene."""
+    """The felt signal: a recording [N], or the paper's scene."""
 
     name: str
     force_n: list[float] | None = None
@@ -167,7 +167,7 @@ class Signal:
 
 
 class Watched:
-    """Both nodes; at each tick it is noted what is applied, and what would be without delay."""
+    """Both nodes; each tick notes the applied force, and the one that would be applied without delay."""
 
     def __init__(self, signal: Signal, case: Case) -> None:
         forward, feedback, nonces, sessions = np.random.default_rng(case.seed).spawn(4)
@@ -236,7 +236,7 @@ def run(signal: Signal, case: Case) -> dict[str, Any]:
     watched.run(case.seconds)
     true_n, applied_n = (np.array(each)[:, np.newaxis] for each in (watched.true_n, watched.applied_n))
     skipped = WARM_UP_US // PERIOD_US
-    # Each tick applies before it sends, so what could be applied answers the position of the tick before, at best.
+    # Each tick applies before it sends, so the applied force answers the previous tick's position at best.
     lag = 1 + 2 * case.delay_us // PERIOD_US
     present = error_report(LAW, true_n[skipped:], applied_n[skipped:])
     late = error_report(LAW, true_n[skipped - lag : -lag], applied_n[skipped:])

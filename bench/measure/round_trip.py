@@ -115,7 +115,7 @@ def one_run(seconds: float, *, fifo: bool) -> dict[str, float]:
 
 
 def medians(stamps: dict[str, IntArray]) -> dict[str, float]:
-    """Return the medians [µs] of the steps of those round trips of which every step is known."""
+    """Return the medians [µs] of the steps of the completely recorded round trips."""
     calls = {name: values.reshape(-1, 2) for name, values in stamps.items()}
     ticks = calls["tick"]
     ticks = ticks[ticks[:, 0] > ticks[0, 0] + SETTLED_S * 1e9][:-1]
@@ -124,7 +124,7 @@ def medians(stamps: dict[str, IntArray]) -> dict[str, float]:
     back = np.searchsorted(received[:, 0], served[at, 1]).clip(max=len(received) - 1)
     trips = np.column_stack([ticks, served[at], received[back]])
     ordered = np.all(np.diff(trips[:, :5], axis=1) > 0, axis=1)
-    trips = trips[ordered & (trips[:, 4] - trips[:, 0] < 900_000)]  # else it may be the answer to another position
+    trips = trips[ordered & (trips[:, 4] - trips[:, 0] < 900_000)]  # otherwise it may answer another position
     steps = np.median(np.diff(trips[:, :5], axis=1), axis=0) / 1e3
     beside = [np.median(np.diff(calls[name], axis=1)) / 1e3 for name in ("drive", "receive_datagram", "account_sent")]
     return {

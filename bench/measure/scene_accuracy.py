@@ -25,7 +25,7 @@ Row = dict[str, Any]
 
 RATES_HZ: Final = (50, 100, 200, 500, 1000, 2000, 5000, 10_000)
 FINE_US: Final = 5
-"""The exact force is taken this often [µs]; a force held between samples is compared with all of them."""
+"""Period of the exact force [µs]; a force held between samples is compared with all of them."""
 
 REST_M: Final = 2e-3
 STROKE_M: Final = 10e-3
@@ -42,7 +42,7 @@ SPEEDS_M_PER_S: Final = (0.02, 0.1)
 
 
 def tissue(**declared: float) -> Tissue:
-    """Return the tissue that is pressed and never pierced."""
+    """Return the tissue that is pressed but not pierced."""
     return Tissue(
         name="pressed",
         rest_position_m=REST_M,
@@ -118,7 +118,7 @@ def pierce(rate_hz: int, start_m: float, speed: float) -> tuple[float, float, fl
     Returns
     -------
     float
-        How much later [s] than the exact breach the scene notices it.
+        Delay [s] until the scene notices the breach.
     float
         The largest force [N] it gave.
     float

@@ -1,8 +1,8 @@
-"""Processes of `sessions`: a slave or an echo on one CPU, the load generator on another, and what a run of them gives.
+"""Processes of `sessions`: a slave or an echo on one CPU, the load generator on another, and the result of a run.
 
 Processor time is the scheduler's own account of the server's threads (schedstat), between the moments at which the
-generator begins and ends to count. It holds the system calls, and the way of what is sent through the kernel up to the
-receiver's socket; the way of positions is the generator's in the same way, for the echo as for the slave.
+generator begins and ends to count. It includes system calls and the path of sent datagrams through the kernel to the
+receiver's socket; the path of positions counts for the generator likewise, for the echo as for the slave.
 """
 
 import json
@@ -29,7 +29,7 @@ GENERATOR_CPUS: Final = set(CPUS[1:2] or CPUS)
 
 
 class Case(NamedTuple):
-    """What each master asks for, and sends.
+    """What each master requests and sends.
 
     Attributes
     ----------
@@ -38,9 +38,9 @@ class Case(NamedTuple):
     share
         Share of the JND that is left to positions; 0 if every position is sent.
     one_in
-        The echo beside it answers one in so many datagrams: about as few as the slave.
+        The echo answers one in this many datagrams, about as few as the slave.
     masters
-        How many are at work while the processor time of all servers is compared.
+        Number of masters while the processor time of all servers is compared.
     """
 
     codec: str
@@ -73,7 +73,7 @@ class Bench:
         (self.folder / "keys").write_text("".join(f"{key.hex()}\n" for key in keys))
 
     def knows(self, flag: str) -> bool:
-        """Return whether this slave has an option."""
+        """Return whether this slave supports an option."""
         command = [*self.slave, "slave", "--help"]
         environment = os.environ | {"COLUMNS": "200"}
         return flag in subprocess.run(command, capture_output=True, text=True, env=environment, check=True).stdout
@@ -148,7 +148,7 @@ class Server:
 
 
 def play(bench: Bench, case: Case, options: Sequence[str] | None, masters: int) -> dict[str, Any]:
-    """Return what one run of a server with so many masters gives: the generator's counts, and the server's."""
+    """Return the result of one run of a server with this many masters: the generator's counts, and the server's."""
     server = Server(bench, case, options)
     try:
         command: list[object] = [bench.folder / "masters", "--port", server.port, "--masters", masters]
@@ -172,7 +172,7 @@ def play(bench: Bench, case: Case, options: Sequence[str] | None, masters: int) 
 
 
 def slave_counts(report: dict[str, Any]) -> dict[str, Any]:
-    """Return what a slave's report says of all sessions, from the first HELLO to the last CLOSE."""
+    """Return the figures of a slave's report over all sessions, from the first HELLO to the last CLOSE."""
     sessions = report["sessions"]
     received = [session["received"] for session in sessions]
     return {

@@ -1,4 +1,4 @@
-"""How many sessions a slave holds on one core, and what a position costs it, beside an echo of datagrams in C.
+"""How many sessions a slave holds on one core, and the cost of a position, beside a datagram echo in C.
 
 All masters are one C program (bench/peers/masters.c) that speaks the whole protocol. The server runs on one CPU, the
 masters on another. First all servers take turns at the same load, which gives the processor time of a position. Then,
@@ -34,18 +34,18 @@ QUICK: Final = ("deadband", "raw, sealed", "coded positions")
 QUICK_MASTERS: Final = 3
 
 MOST_SENDS_HZ: Final = 450_000.0
-"""Datagrams a second of all masters that are tried at most: a dedicated core can just send them."""
+"""Highest load that is tried, in datagrams a second of all masters: a dedicated core can just send them."""
 
 MOST_MASTERS: Final = 3_000
 LARGEST_P99_US: Final = 2_000.0
 LARGEST_SUPERSEDED: Final = 0.01
-"""Share of positions that a slave may pass over for a newer one in a run that counts as held: as late as 1 % may be."""
+"""Share of positions that a slave may pass over for a newer one in a run that counts as held: 1 % may also be late."""
 
 LARGEST_LATE_US: Final = 1_000.0
-"""99th percentile of how late the generator sends above which a run tells nothing about the server."""
+"""99th percentile of the generator's lateness above which a run tells nothing about the server."""
 
 GROWTH: Final = (1.3, 2.5)
-"""Least and largest step of a search to more masters; between them, the step that would need 1.2 CPUs, because a
+"""Smallest and largest step of a search to more masters; between them, the step that would need 1.2 CPUs, because a
 position costs less the more there are."""
 
 CLOSE_ENOUGH: Final = 0.06
@@ -66,13 +66,13 @@ def faults(run: Row, case: Case) -> list[str]:
         "positions were passed over": superseded > LARGEST_SUPERSEDED,
         "the round trip was too long": not 0.0 <= run["trip_p99_us"] <= LARGEST_P99_US,
     }
-    if checks["the server's socket was full"]:  # what it dropped is missing everywhere
+    if checks["the server's socket was full"]:  # dropped datagrams are missing in all counts
         checks["answers were lost"] = checks["positions were lost"] = 0
     return [name for name, bad in checks.items() if bad]
 
 
 def search(run: Callable[[int], Row], case: Case, start: int, tries: int) -> tuple[Row | None, list[str]]:
-    """Return the largest run that was held, and what was wrong with the smallest above it (nothing: none was tried)."""
+    """Return the largest run that was held, and why the smallest above it was not (empty: none was tried)."""
     most = min(MOST_MASTERS, int(MOST_SENDS_HZ / case.sends_hz))
     held, above, wrong = None, None, list[str]()
     masters = max(1, min(start, most))
@@ -114,7 +114,7 @@ def measured(name: str, bench: Bench, servers: Sequence[str], arguments: argpars
             runs[server].append(one(server, masters))
 
     def beside_echo(server: str, held: Row | None) -> float | None:
-        """Return the echo's time of a position, with as many masters, over that of a run that was held."""
+        """Return the echo's time per position, with as many masters, relative to a run that was held."""
         if held is None or "echo" not in servers:
             return None
         if server == "echo":
@@ -156,7 +156,7 @@ def measured(name: str, bench: Bench, servers: Sequence[str], arguments: argpars
 
 
 def held_figures(held: Row | None, case: Case) -> Row:
-    """Return the figures of the largest run that was held; None each if there is none."""
+    """Return the figures of the largest run that was held; all None if there is none."""
     if held is None:
         names = (
             "us_per_position",
@@ -183,7 +183,7 @@ def held_figures(held: Row | None, case: Case) -> Row:
 
 
 def note(case: str, server: str, row: Row, wrong: Sequence[str]) -> None:
-    """Tell a person what a run gave."""
+    """Print the result of a run for a person."""
     print(
         f"{case}, {server}: {row['masters']} masters, {row['us_per_position']:.2f} us a position,"
         f" p50 {row['trip_p50_us']:.0f}, p99 {row['trip_p99_us']:.0f} us, {'; '.join(wrong) or 'held'}",
@@ -216,7 +216,7 @@ def measure(arguments: argparse.Namespace) -> dict[str, Any]:
 
 
 def flags(server: str) -> list[str]:
-    """Return the options that a slave needs to be this variant."""
+    """Return the options that turn a slave into this variant."""
     return [option for option in SERVERS[server] or () if option.startswith("--")]
 
 
@@ -236,7 +236,7 @@ def main() -> None:
     parser = record.options(__doc__)
     parser.add_argument("--seconds", type=record.within(0.1), default=2.0, help="length of each measurement")
     parser.add_argument("--repetitions", type=record.within(1), default=3, help="turns at the same load")
-    parser.add_argument("--tries", type=record.within(0), default=7, help="steps of each search for what is held")
+    parser.add_argument("--tries", type=record.within(0), default=7, help="steps of each search for the largest load")
     parser.add_argument("--cases", type=some_of(list(CASES)), metavar="CASES", help="such as 'deadband; raw, sealed'")
     parser.add_argument("--servers", type=some_of(list(SERVERS)), metavar="SERVERS", default=list(SERVERS))
     parser.add_argument("--slave-python", type=Path, metavar="FILE", help="a hapticnet or its Python: another build")

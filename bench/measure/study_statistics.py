@@ -1,4 +1,4 @@
-"""Test the statistics of the study on answers whose truth is known: whom the rules exclude, and what intervals cover.
+"""Test the statistics of the study on answers with a known truth: exclusions, and coverage of intervals.
 
 ::
 
@@ -34,7 +34,7 @@ Subject: TypeAlias = Callable[[np.random.Generator], Answers]
 
 
 def honest(criterion: float) -> Subject:
-    """Return observers who say "different" above so many standard deviations; each has noise of their own."""
+    """Return observers who say "different" above a criterion in standard deviations; each has its own noise."""
 
     def make(rng: np.random.Generator) -> Answers:
         settings = replace(OBSERVERS["literature"], criterion=criterion).of_participant(rng)
@@ -118,7 +118,7 @@ def rules(people: int) -> list[dict[str, Any]]:
 
 
 def jnd_intervals(people: int) -> list[dict[str, Any]]:
-    """Return how often the interval of a JND has the mean of endlessly many series of the same observer."""
+    """Return how often the interval of a JND contains the same observer's mean over infinitely many series."""
     rows = []
     for criterion in (1.0, 1.64, 2.33):
         for repetitions in (3, 5, 10):
@@ -138,9 +138,9 @@ def jnd_intervals(people: int) -> list[dict[str, Any]]:
 
 
 def order_intervals(experiments: int) -> list[dict[str, Any]]:
-    """Return how often intervals of the ordering task have what is true, for several shares, spreads and designs.
+    """Return how often intervals of the ordering task contain the truth, for several shares, spreads and designs.
 
-    The share that Wilson's interval over all trials covers stands beside it.
+    The coverage of Wilson's interval over all trials is given beside it.
     """
     rows = []
     for people, trials in ((8, 10), (16, 20)):
@@ -167,8 +167,8 @@ def order_intervals(experiments: int) -> list[dict[str, Any]]:
 
 
 def curve_intervals(experiments: int) -> list[dict[str, Any]]:
-    """Return how often the interval of the point where a curve leaves the margin has that point."""
-    values, shares = (0.0, 1.0, 2.0, 4.0), (0.8, 0.75, 0.65, 0.5)  # it has fallen by 0.1 at 1.5
+    """Return how often the interval of the point where a curve leaves the margin contains that point."""
+    values, shares = (0.0, 1.0, 2.0, 4.0), (0.8, 0.75, 0.65, 0.5)  # it falls by 0.1 at 1.5
     answers, rows = ShareAnswers(("a", "b", "c", "d"), shares), []
     for people, trials in ((8, 10), (16, 20)):
         rng = np.random.default_rng([12, people])

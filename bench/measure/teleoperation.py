@@ -48,8 +48,8 @@ HANDSHAKE_US: Final = 500_000
 """Traffic is counted after this time, while the hand still waits."""
 
 TICKS_LATE: Final = 3
-"""Ticks that a breach needs beside the round trip: to be stepped, answered and applied. `breach_share` is the share of
-the squared error of that time."""
+"""Ticks of a breach in addition to the round trip: to be stepped, answered and applied. `breach_share` is the share of
+the squared error during that time."""
 
 NOTHING: Final[Row] = {"packets": 0, "wire_bytes": 0, "by_kind": {}}
 
@@ -69,7 +69,7 @@ def measure(arguments: argparse.Namespace) -> Row:
 
 
 def play(setup: Row, delay_ms: int, loss: float, seed: int, insertions: int, most_s: float) -> Row:
-    """Play one session; return its traffic and what was felt."""
+    """Play one session; return its traffic and the felt error."""
     hand = ScriptedOperator(InsertionSettings(insertions=insertions), np.random.default_rng([seed, 3]))
     assert hand.duration_us is not None
     channel = ChannelSettings(delay_us=1000 * delay_ms, loss=BernoulliLoss(loss) if loss else None)

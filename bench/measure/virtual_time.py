@@ -68,7 +68,7 @@ def run(case: str, seed: int, insertions: int) -> dict[str, float]:
 
 
 def summary(runs: list[dict[str, float]]) -> dict[str, float]:
-    """Return best and median over the repetitions of one case, which all do the same."""
+    """Return best and median over the repetitions of one case; all do the same work."""
     (virtual_s,) = {each["virtual_s"] for each in runs}
     (steps,) = {each["steps"] for each in runs}
     times_real_time = [virtual_s / each["taken_s"] for each in runs]

@@ -1,4 +1,4 @@
-"""Results in short, to notice later that the same run gives something else."""
+"""Short fingerprints of results, to notice when the same run gives something else."""
 
 import math
 import re

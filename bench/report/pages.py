@@ -1,7 +1,7 @@
 """Write docs/benchmarks, its figures and README's headline from the results.
 
 People write the sentences, in the Jinja templates ``*.md.in`` beside this file; the results fill in the figures. A
-sentence that interprets a figure stands in ``{% claim CONDITION %} … {% endclaim %}``. If a condition does not hold,
+sentence that interprets a figure is in ``{% claim CONDITION %} … {% endclaim %}``. If a condition does not hold,
 or a placeholder has no figure, nothing is written and the exit code is 1.
 """
 
@@ -31,15 +31,15 @@ REPOSITORY: Final = HERE.parents[1]
 PAGES: Final = REPOSITORY / "docs" / "benchmarks"
 RELATIONS: Final = {"<=": ("≤ ", operator.le), ">=": ("≥ ", operator.ge)}
 ERRORS: Final = (TemplateError, TypeError, ValueError, LookupError, ArithmeticError)
-"""What a template or a target with a mistake in it may raise."""
+"""Errors that a mistake in a template or target raises."""
 
 PUBLISHED: Final = "published.json"
 
 HEADLINE: Final = ("<!-- headline: written by make bench -->", "<!-- end of headline -->")
-"""The lines of README.md between which headline.md.in is rendered."""
+"""The lines of README.md between which headline.md.in is inserted."""
 
 APART: Final = {"peers.md": "peers"}
-"""Pages of one record that needs root or more packages; they are only written where that record is."""
+"""Pages of one record that needs root or more packages; they are written only if that record exists."""
 
 MOST_CORES_OF_OTHERS: Final = 0.15
 """Cores that other programs may have used while a published benchmark measured time."""
@@ -95,7 +95,7 @@ def one(rows: Sequence[Row], **conditions: object) -> Row:
 
 
 def largest(rows: Sequence[Row], key: str) -> Row:
-    """Return the row with the largest value of a (dotted) key; None, which was never reached, is the largest."""
+    """Return the row with the largest value of a (dotted) key; None, for never reached, is the largest."""
 
     def value(row: Row) -> Any:
         found: Any = reduce(operator.getitem, key.split("."), row)
@@ -110,7 +110,7 @@ def ratios(rows: Sequence[Row], over: str, under: str) -> list[Row]:
 
 
 def fixed(value: float | None, digits: int = 0, factor: float = 1.0) -> str:
-    """Return a number with so many decimals, or a dash for None."""
+    """Return a number with this many decimals, or a dash for None."""
     return "–" if value is None else f"{factor * value:,.{digits}f}"
 
 
@@ -120,7 +120,7 @@ def percent(value: float | None, digits: int = 0) -> str:
 
 
 def span(values: Sequence[float], digits: int = 0, factor: float = 1.0) -> str:
-    """Return the smallest and the largest value, once if they read the same."""
+    """Return the smallest and the largest value, or one if they print alike."""
     return " to ".join(dict.fromkeys(fixed(value, digits, factor) for value in (min(values), max(values))))
 
 
@@ -182,7 +182,7 @@ def targets(templates: Environment, folder: Path, context: Row) -> list[Row]:
 
 
 def render(folder: Path, records: dict[str, Row], only: str | None = None) -> tuple[dict[str, str], list[str]]:
-    """Return the text of each page by its name, or of one page alone, and the claims that do not hold.
+    """Return the text of each page by its name, or of one page alone, and the false claims.
 
     Alone, a page has no targets.
 
@@ -217,7 +217,7 @@ def reasons_against(records: dict[str, Row]) -> list[str]:
 
 
 def published(records: dict[str, Row], quick: Path) -> str:
-    """Return what a test compares with later: revision, and what quick runs of this revision gave, in short."""
+    """Return the reference of a later test: the revision, and fingerprints of its quick runs."""
     prints = {
         each.name: fingerprint(json.loads(file.read_text(encoding="utf-8"))["results"])
         for each in BENCHMARKS

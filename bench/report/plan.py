@@ -4,7 +4,7 @@ from typing import Final, Literal, NamedTuple
 
 
 class Benchmark(NamedTuple):
-    """A script of bench/measure, its arguments in full and in a quick run, and the build whose time it measures."""
+    """A script of bench/measure, its arguments in full and in a quick run, and the build that it measures."""
 
     name: str
     full: str
@@ -27,7 +27,7 @@ BENCHMARKS: Final = (
     Benchmark("codec_stability", "--seconds 5 --seeds 3", "--quick"),
     Benchmark("force_loop", "--seeds 5", "--quick --seeds 1"),
     Benchmark("finger_limit", "--seeds 2", "--quick --seeds 1"),
-    Benchmark("hostile_slave", "--seconds 8", "--quick", timed="plain"),  # searches for so many seconds
+    Benchmark("hostile_slave", "--seconds 8", "--quick", timed="plain"),  # seconds of search
     Benchmark("fuzz", "--datagrams 500000", "--datagrams 20000", timed="plain"),
     Benchmark("endurance", "--hours 4 --wrap-hours 0.05", "--hours 0.05 --wrap-hours 0.011"),
     Benchmark("codec_speed", "--samples 2000000 --repetitions 3", "--samples 20000 --repetitions 1", timed="compiled"),

@@ -82,7 +82,7 @@ def _codecs(axes: Axes, results: Row, signal: str) -> None:
 
 
 def packet_rate(figure: Figure, results: Row) -> None:
-    """Draw saving over the sampling rate, with the paper's, and saving over error."""
+    """Draw the saving over the sampling rate, with the paper's, and over the error."""
     (left, right), (rates, errors) = _side_by_side(figure, 2)
     scripted_s, paper = results["motion"]["push_s"], 100 * results["paper_byte_reduction"]
     scene = [row | {"saved": 100 * row["byte_reduction"], "left": 1 - row["packet_rate_reduction"]}
@@ -236,7 +236,7 @@ def repair(figure: Figure, results: Row) -> None:
 
 
 def _side_by_side(figure: Figure, count: int) -> tuple[list[FigureBase], list[Axes]]:
-    """Return parts of a figure, each with axes and room for a legend of their own."""
+    """Return parts of a figure, each with its own axes and room for a legend."""
     parts = list(figure.subfigures(1, count))
     return parts, [part.subplots() for part in parts]
 

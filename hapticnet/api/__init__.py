@@ -1,1 +1,1 @@
-"""What ``import hapticnet`` offers. Import the names from `hapticnet` itself; docs/refer/api.md describes them."""
+"""The API of ``import hapticnet``. Import the names from `hapticnet` itself; docs/refer/api.md describes them."""

@@ -35,7 +35,7 @@ _SHOWN: Final = (
 
 
 class Table:
-    """A result that is shown as a table: as text in a terminal, as HTML in a notebook."""
+    """A result shown as a table: as text in a terminal, as HTML in a notebook."""
 
     __slots__ = ()
 

@@ -40,7 +40,7 @@ def read_trial(
     position: npt.ArrayLike | None,
     name: str = "force",
 ) -> Trial:
-    """Return a recording from what a user gave.
+    """Return a recording from a user's arguments.
 
     Raise SampleError if forces, positions or times are not finite numbers, differ in length or are implausible,
     SettingsError if more than one kind of times is given, or the rate is out of range.

@@ -217,7 +217,7 @@ def virtual_link(
         if not isinstance(text, str):
             raise SettingsError(f"{name} is {text!r}; it must be text, such as 'wifi' or 'delay=20ms,loss=2%'")
     touched: Touchable
-    if isinstance(scene, Scene):  # its tissues as they are at rest, so that every run is the same
+    if isinstance(scene, Scene):  # with its tissues at rest, so that every run is the same
         touched = Scene(scene.tissues, name=scene.name)
     elif isinstance(scene, BodyScene):
         touched = BodyScene(scene.bodies, name=scene.name)

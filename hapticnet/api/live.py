@@ -20,9 +20,9 @@ from hapticnet.runtime.udp import DRAIN_AT_MOST, READ_BYTES, SocketAddress
 from hapticnet.runtime.watching import Event, Watcher
 
 LOG: Final = logging.getLogger("hapticnet")
-"""Where a program finds what is worth a warning, such as a recording that meets a full disk."""
+"""Logger of warnings, such as a full disk during a recording."""
 
-EVENTS_KEPT: Final = 1000  # events that wait for a program; of more, the oldest are dropped
+EVENTS_KEPT: Final = 1000  # events that wait for a program; beyond that, the oldest are dropped
 
 Node = TypeVar("Node", MasterNode, SlaveNode)
 Result = TypeVar("Result")
@@ -72,14 +72,14 @@ class EventQueue(Watcher[Event], Generic[Event]):
 
 
 class NodeView(Generic[Node, Event]):
-    """A node at work, or none."""
+    """A running node, or none."""
 
     _node: Node | None = None
     _events: EventQueue[Event]
 
     @property
     def node(self) -> Node:
-        """The node itself, for what is not shown here; its interface may change.
+        """The node itself, for anything not offered here; its interface may change.
 
         Raises
         ------
@@ -93,7 +93,7 @@ class NodeView(Generic[Node, Event]):
     def report(self) -> dict[str, Any]:
         """Return the account, as the command prints it with ``--json``.
 
-        None for what it does not have, such as a master's `end_reason` while it runs.
+        Missing values are None, such as a master's `end_reason` while it runs.
 
         Raises
         ------
@@ -110,7 +110,7 @@ class Live(NodeView[Node, Event]):
     """A node on an event loop."""
 
     def _live(self) -> AbstractAsyncContextManager[None]:
-        """Return what runs the node on the running loop while it is entered."""
+        """Return the context that runs the node on the running loop."""
         raise NotImplementedError
 
 
@@ -136,9 +136,9 @@ class OnLoop(Live[Node, Event]):
 
 
 class InThread(Live[Node, Event]):
-    """A node on an event loop in a thread of its own, entered with ``with``.
+    """A node on an event loop in its own thread, entered with ``with``.
 
-    The thread is a daemon: a program that ends without leaving it is not kept alive.
+    The thread is a daemon: a program that ends without leaving it still ends.
     """
 
     def __enter__(self) -> Self:
@@ -171,7 +171,7 @@ class InThread(Live[Node, Event]):
         """Run a coroutine on the loop, wait for it, and return its result."""
         if not self._thread.is_alive():
             work.close()
-            raise UnavailableError("this master or slave was left; enter it again")
+            raise UnavailableError("this master or slave has ended; enter it again")
         return asyncio.run_coroutine_threadsafe(work, self._loop).result()
 
     def _run(self) -> None:
@@ -197,7 +197,7 @@ class InThread(Live[Node, Event]):
 
 
 class Ticked(NodeView[Node, Event]):
-    """A node without loop or thread, on a socket that is never waited for."""
+    """A node without loop or thread, on a non-blocking socket."""
 
     send_errors = 0
     """Datagrams that could not be sent or delivered; they count as lost."""
@@ -205,7 +205,7 @@ class Ticked(NodeView[Node, Event]):
     _sock: socket
 
     def close(self) -> None:
-        """End every session and close the socket. The other side is told, but its answer is not waited for."""
+        """End every session and close the socket. Notify the other side, but do not wait for its answer."""
         if self._sock.fileno() >= 0:
             self._part()
             self._sock.close()

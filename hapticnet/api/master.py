@@ -26,7 +26,7 @@ from hapticnet.samples import Vector
 
 
 class _Exchanges(Watcher[NodeEvent]):
-    """Those who wait for the force at a position that they have set."""
+    """Callers that wait for the force at a position they have set."""
 
     name = "exchanges"
 
@@ -35,13 +35,13 @@ class _Exchanges(Watcher[NodeEvent]):
         self._waiting: list[tuple[int, asyncio.Future[Vector]]] = []
 
     def add(self) -> "asyncio.Future[Vector]":
-        """Return the force in the next tick in which a position is due: it sends the one that was set."""
+        """Return the force in the next tick that sends the position."""
         future: asyncio.Future[Vector] = asyncio.get_running_loop().create_future()
         self._waiting.append((self._node.positions_due + 1, future))
         return future
 
     def observe(self, now_us: int) -> None:  # noqa: ARG002 - positions are counted
-        """Answer those whose position is on its way."""
+        """Answer the callers whose position has been sent."""
         if not self._waiting:
             return
         sent = self._node.positions_due
@@ -52,12 +52,12 @@ class _Exchanges(Watcher[NodeEvent]):
                 future.set_result(self._node.held_n)
 
     def note(self, event: NodeEvent, now_us: int) -> None:  # noqa: ARG002 - only the end counts
-        """Tell them that there will be no answer."""
+        """Fail the waiting callers."""
         if isinstance(event, Ended):
             self.give_up(f"the session has ended: {event.reason}")
 
     def give_up(self, reason: str) -> None:
-        """Tell all who wait that there will be no answer."""
+        """Fail all waiting callers."""
         for _, future in self._waiting:
             if not future.done():
                 future.set_exception(UnavailableError(reason))
@@ -65,7 +65,7 @@ class _Exchanges(Watcher[NodeEvent]):
 
 
 class MasterView(NodeView[MasterNode, NodeEvent]):
-    """A master at work: where the tool is, what is felt, and how the session is."""
+    """A running master: position of the tool, held force, and state of the session."""
 
     _hand: Hand | None = None
 
@@ -76,7 +76,7 @@ class MasterView(NodeView[MasterNode, NodeEvent]):
         Raises
         ------
         SampleError
-            On assignment of what is not finite or has another number of axes.
+            On assignment of a value that is not finite or has another number of axes.
         SettingsError
             On assignment if an operator gives the positions.
         """
@@ -106,17 +106,17 @@ class MasterView(NodeView[MasterNode, NodeEvent]):
 
     @property
     def scene(self) -> str | None:
-        """What the slave calls the scene; None before there is a session."""
+        """The slave's name for the scene; None before there is a session."""
         return self.node.scene_name
 
     @property
     def ended(self) -> str | None:
-        """Why the session is over for good; None while it is not."""
+        """Why the session ended for good; None before that."""
         return self.node.end_reason
 
     @property
     def paused(self) -> str | None:
-        """Why the operator is not asked for positions; None if it is."""
+        """Why the operator is paused; None if it is not."""
         return self.node.paused
 
     def change(
@@ -127,7 +127,7 @@ class MasterView(NodeView[MasterNode, NodeEvent]):
         floor_n: float | None = None,
         multiplier: float | None = None,
     ) -> None:
-        """Ask for another codec or JND while the session runs. What is not given stays; the scene stays as it is.
+        """Ask for another codec or JND while the session runs. Omitted values and the scene do not change.
 
         `Connected` or `ChangeRefused` follows as an event.
 
@@ -216,7 +216,7 @@ class Master(_LiveMaster, OnLoop[MasterNode, NodeEvent]):
             force_n = await master.exchange(0.012)
 
     Entering waits for a session. The session then lives in the background: positions are sent at `rate_hz` whether the
-    program sets new ones or not, and a slave that goes away is asked again. Signals are left to the program.
+    program sets new ones or not, and a slave that disappears is asked again. Signals are left to the program.
 
     Raises
     ------
@@ -229,7 +229,7 @@ class Master(_LiveMaster, OnLoop[MasterNode, NodeEvent]):
     """
 
     async def exchange(self, position: PositionLike) -> Vector:
-        """Set the position [m], wait until it is sent, and return the force [N] that is held then.
+        """Set the position [m], wait until it is sent, and return the force [N] held then.
 
         A loop of calls runs at the rate of the session. The force is the answer to earlier positions.
 
@@ -245,7 +245,7 @@ class Master(_LiveMaster, OnLoop[MasterNode, NodeEvent]):
 
 @dataclass(eq=False)
 class ThreadedMaster(_LiveMaster, InThread[MasterNode, NodeEvent]):
-    """A master in a thread of its own, for programs without asyncio. See `MasterSetup` for the parameters.
+    """A master in its own thread, for programs without asyncio. See `MasterSetup` for the parameters.
 
     ::
 
@@ -280,8 +280,8 @@ class TickedMaster(MasterSetup, MasterView, Ticked[MasterNode, NodeEvent]):
         ...                                   # in a timer callback, 500 times a second:
         force_n = master.tick(position)
 
-    Nothing waits: there is a session some ticks after the slave is there (`connected`), and no force before. The timer
-    must be as fast as `rate_hz`; calls that come sooner than that send no position.
+    Nothing waits: the session begins some ticks after the slave appears (`connected`); the force is 0 before. The timer
+    must be as fast as `rate_hz`; calls that come sooner send no position.
 
     Raises
     ------
@@ -328,7 +328,7 @@ class TickedMaster(MasterSetup, MasterView, Ticked[MasterNode, NodeEvent]):
             if now >= end_us:
                 break
         now = now_us()
-        if 2 * (self._due_us - now) <= node.period_us:  # a timer that is early once is no faster timer
+        if 2 * (self._due_us - now) <= node.period_us:  # one early call does not make a faster timer
             self._due_us = (self._due_us if now - self._due_us < node.period_us else now) + node.period_us
             node.tick(now)
             self._send()

@@ -1,4 +1,4 @@
-"""What a master inside another program is made of: its parameters, checked, and its node."""
+"""Parameters of a master inside another program, checked, and its node."""
 
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
@@ -41,7 +41,7 @@ PositionLike: TypeAlias = float | Sequence[float]
 
 
 class Hand:
-    """The position that a program has set last. Satisfies `operator.base.Operator`."""
+    """The position that a program set last. Satisfies `operator.base.Operator`."""
 
     duration_us = None
 
@@ -81,7 +81,7 @@ class MasterSetup(options.SharedMasterOptions):
     operator: Annotated[
         HasSample | None,
         Option(
-            "Any object with ``sample(t_us)`` that gives the positions instead of the program, and is told the force"
+            "Any object with ``sample(t_us)`` that gives the positions instead of the program, and gets the force"
             " if it has ``feel(t_us, force_n)``."
         ),
     ] = None
@@ -125,7 +125,7 @@ class MasterSetup(options.SharedMasterOptions):
         settings = self._settings()
         sock, address = open_toward(parse_host_port(self.address))
         try:
-            # Nobody names a key for an open session; on the command line, HAPTICNET_KEY may be for other slaves.
+            # An open session names no key; on the command line, HAPTICNET_KEY may be for other slaves.
             is_open_to = is_loopback(address) and self.key is None
             key = None if self.key is None else user_path(self.key)
             keys = master_key(self.address, is_open_to, key, self.peer_key, self.insecure, str)
@@ -149,7 +149,7 @@ class MasterSetup(options.SharedMasterOptions):
                 yield opened
 
     def recording(self, node: MasterNode) -> MasterRecording | None:
-        """Return what records the node, if anything."""
+        """Return the recorder of the node, if any."""
         if self.record is None:
             return None
         about = {
@@ -167,7 +167,7 @@ class MasterSetup(options.SharedMasterOptions):
         return None, UserOperator(self.operator)
 
     def _settings(self) -> MasterSettings:
-        """Return the settings of the node, but for the key."""
+        """Return the settings of the node, except the key."""
         check_options(self)
         if self.record is not None:
             check_format(user_path(self.record))
@@ -192,8 +192,8 @@ class MasterSetup(options.SharedMasterOptions):
 
 
 def as_position(position: PositionLike, axes: int | None = None) -> Vector:
-    """Return a position as a vector; raise SampleError if it cannot be one, or has not `axes` axes."""
-    values: Any = position if hasattr(position, "__len__") else (position,)  # arrays are no Sequence
+    """Return a position as a vector; raise SampleError if it is invalid, or does not have `axes` axes."""
+    values: Any = position if hasattr(position, "__len__") else (position,)  # arrays are not a Sequence
     try:
         vector = checked_vector(values, "position")
     except (TypeError, ValueError) as error:

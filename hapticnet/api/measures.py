@@ -61,7 +61,7 @@ def quality_report(
     Raises
     ------
     SampleError
-        If a recording cannot be used, or an index is not one of a sample.
+        If a recording cannot be used, or an index is out of range.
     SettingsError
         If times are given twice.
     """

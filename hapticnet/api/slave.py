@@ -95,7 +95,7 @@ class SlaveSetup(options.SharedSlaveOptions):
         return node, sock
 
     def _scenes(self) -> tuple[Callable[[], Touchable], int]:
-        """Return what makes a scene for each master, and how many masters may be served at once."""
+        """Return the factory of scenes, and how many masters may be served at once."""
         given = self.scene
         if isinstance(given, str):
             source = find_source(given)
@@ -108,18 +108,18 @@ class SlaveSetup(options.SharedSlaveOptions):
         if not callable(given):
             raise SettingsError(f"scene is {given!r}; it must be text, an object with step(sample), or a function")
         make: Callable[[], Any] = given
-        as_touchable(make())  # refuse it now rather than when a master joins
+        as_touchable(make())  # refuse it now instead of when a master joins
         return lambda: as_touchable(make()), self.most_sessions
 
     def close_scenes(self) -> None:
-        """Close the objects of users that were made here, and log what goes wrong."""
+        """Close the user's objects that were made here, and log errors."""
         for close in self._closing:
             for fault in close():
                 LOG.warning(fault)
 
 
 def slave_node(make_scene: Callable[[], Touchable], settings: SlaveSettings, trust: SlaveTrust) -> SlaveNode:
-    """Return a node that serves a scene to those it trusts, and to masters with a scene of their own that one."""
+    """Return a node that serves its scene to trusted masters, or their own scene to masters that have one."""
     entropy = SystemEntropy()
     return SlaveNode(
         lambda entry: make_scene() if (listed := trust.scene_of(entry)) is None else listed.make(),
@@ -133,10 +133,10 @@ def slave_node(make_scene: Callable[[], Touchable], settings: SlaveSettings, tru
 
 
 class SlaveView(NodeView[SlaveNode, SlaveEvent]):
-    """A slave at work."""
+    """A running slave."""
 
     address: str = ""
-    """Where it listens, HOST:PORT; empty if it does not."""
+    """The address where it listens, HOST:PORT; empty if it does not."""
 
     @property
     def connected(self) -> tuple[str, ...]:
@@ -144,7 +144,7 @@ class SlaveView(NodeView[SlaveNode, SlaveEvent]):
         return tuple(context.session.request.name for context in self.node.contexts if context.seated)
 
     def resume(self) -> None:
-        """Step the scenes again that have failed and are paused."""
+        """Step failed and paused scenes again."""
         self.node.resume()
 
 
@@ -193,7 +193,7 @@ class Slave(_LiveSlave, OnLoop[SlaveNode, SlaveEvent]):
 
 @dataclass(eq=False)
 class ThreadedSlave(_LiveSlave, InThread[SlaveNode, SlaveEvent]):
-    """A slave in a thread of its own, for programs without asyncio. See `SlaveSetup` for the parameters.
+    """A slave in its own thread, for programs without asyncio. See `SlaveSetup` for the parameters.
 
     ::
 
@@ -223,7 +223,7 @@ class TickedSlave(SlaveSetup, SlaveView, Ticked[SlaveNode, SlaveEvent]):
         self._events = EventQueue[SlaveEvent]()
 
     def tick(self) -> None:
-        """Answer what has arrived; each session gets the force at its newest position."""
+        """Answer the datagrams that have arrived; each session gets the force at its newest position."""
         node, now = self.node, now_us()
         node.receive_datagrams(list(self._arrived()), now)
         due_us = node.next_timer_us()

@@ -46,7 +46,7 @@ class Emulator(Generic[T]):
 
     The fate of a packet depends only on the seed, the settings, its size and the packets pushed before it, not on when
     `due` is called. Each random effect has its own stream, so the same packets are lost whatever the jitter is. A time
-    stamp earlier than the previous one is used as it is: the packet still waits for those it must not overtake, and for
+    stamp earlier than the previous one is kept: the packet still waits for those it must not overtake, and for
     a busy bottleneck. Child streams are spawned from `rng`; nothing is drawn from it.
     """
 
@@ -93,7 +93,7 @@ class Emulator(Generic[T]):
         self._rate_bit_per_s = settings.rate_bit_per_s
         self._queue_ns = settings.queue_us * _NS_PER_US
         reorders = self._hold_backs is not None or (self._jitter_us is not None and not self._keeps_order)
-        if reorders and not self._reorders:  # from now on the heap is used, which keeps order too where it is asked to
+        if reorders and not self._reorders:  # from now on the heap is used, which can keep the order too
             self._reorders = True
             oldest = self._accepted - len(self._fifo) + 1
             self._heap = [(due, oldest + n, False, item, size) for n, (due, item, size) in enumerate(self._fifo)]
@@ -119,7 +119,7 @@ class Emulator(Generic[T]):
         return ChannelCounters(reordered=self._reordered, **counts, **sizes)
 
     def push(self, item: T, size_bytes: int, now_us: int) -> None:
-        """Send a packet with a UDP payload of so many bytes at a time [µs]; `due` returns the item."""
+        """Send a packet with a UDP payload of this many bytes at a time [µs]; `due` returns the item."""
         self._accepted += 1
         self._accepted_bytes += size_bytes
         if self._plain:

@@ -1,4 +1,4 @@
-"""Settings of one direction of an emulated network, each with the text in which a channel specification gives it."""
+"""Settings of one direction of an emulated network, each with its text form in a channel specification."""
 
 import itertools
 import math
@@ -195,7 +195,7 @@ Loss: TypeAlias = BernoulliLoss | GilbertElliottLoss | PatternLoss
 
 
 def parse_loss(text: str) -> Loss:
-    """Return the loss written as ``2%``, ``gilbert:p,r[,h[,k]]`` or ``pattern:0010110``; SettingsError if none."""
+    """Return the loss written as ``2%``, ``gilbert:p,r[,h[,k]]`` or ``pattern:0010110``; SettingsError if invalid."""
     model, colon, arguments = text.partition(":")
     if not colon:
         return BernoulliLoss(parse_share(text))
@@ -264,7 +264,7 @@ class Jitter:
 
 
 def parse_jitter(text: str) -> Jitter:
-    """Return the jitter written as ``normal:5ms``, ``uniform:5ms`` or ``pareto:5ms[:3]``; SettingsError if none."""
+    """Return the jitter written as ``normal:5ms``, ``uniform:5ms`` or ``pareto:5ms[:3]``; SettingsError if invalid."""
     match text.split(":"):
         case [("normal" | "uniform" | "pareto") as distribution, deviation]:
             return Jitter(distribution=distribution, deviation_us=parse_time_us(deviation))

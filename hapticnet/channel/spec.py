@@ -1,4 +1,4 @@
-"""A channel as one line of text: named networks, and parts.
+"""A channel as one line of text: a named network, parts, or both.
 
 Each named network describes one direction of a link; a round trip passes through two. Only physical limits are exact.
 The other numbers are typical of such links, for trying a system on a kind of network; they are not measurements of one.
@@ -50,7 +50,7 @@ def parse_channel(spec: str) -> ChannelSettings:
     ``perfect``, ``wifi``, ``wifi,loss=5%``, or the parts ``delay=20ms``, ``jitter=normal:5ms`` (or ``uniform:5ms``,
     ``pareto:5ms[:shape]``), ``order=keep`` (or ``free``), ``loss=2%`` (or ``gilbert:p,r[,h[,k]]``,
     ``pattern:0010110``), ``reorder=1%[:10ms]``, ``duplicate=0.1%``, ``rate=1Mbit/s``, ``queue=100ms``. A part
-    replaces that of the preset; ``none`` removes it. Case does not matter.
+    replaces the preset's; ``none`` removes it. Case does not matter.
 
     Raise SettingsError if a part is invalid; the message names it and says what is valid.
     """

@@ -31,11 +31,11 @@ from hapticnet.options import AUTO
 from hapticnet.runtime.nonblocking_log import STDERR, Form, abandon
 
 INTERNAL: Final = 70  # exit code of a fault in hapticnet itself (EX_SOFTWARE of sysexits.h)
-INTERRUPTED: Final = 130  # that of a program which SIGINT ended, as shells count it
-READER_GONE: Final = 141  # and SIGPIPE
+INTERRUPTED: Final = 130  # exit code of a program that SIGINT ended, as in shells
+READER_GONE: Final = 141  # and of one that SIGPIPE ended
 SHOW_TRACEBACK: Final = "HAPTICNET_TRACEBACK"  # environment variable that shows where an internal error comes from
 
-WRONG: Final = {  # what is wrong with a value, by pydantic's type of error
+WRONG: Final = {  # messages for invalid values, by pydantic's type of error
     "int_parsing": "is not a whole number",
     "float_parsing": "is not a number",
     "greater_than_equal": "is too small; it must be at least {ge:g}",
@@ -57,7 +57,7 @@ app.command(short_help="Play the paper's conditions with a slave and a master.")
 def slave(given: SlaveOptions) -> None:
     """Host the virtual tissues: each master touches its own scene.
 
-    On loopback, anyone is served unless --key or --masters is given. Elsewhere, only the masters of the list are
+    On loopback, anyone is served unless --key or --masters is given. Elsewhere, only listed masters are
     served: --key and --masters, by default key.toml and masters.toml in ~/.config/hapticnet.
 
     Ends on Ctrl-C, SIGTERM or after --duration, and then prints its report. A second signal ends --drain.
@@ -73,7 +73,7 @@ def master(given: MasterOptions) -> None:
 
     Sessions with other hosts need --peer-key, and --key or ~/.config/hapticnet/key.toml.
 
-    Waits for the slave when it is not there yet, and again when it goes away. Ends on Ctrl-C, SIGTERM or when the
+    Waits for the slave if it is not running yet, and again if it disappears. Ends on Ctrl-C, SIGTERM or when the
     operator is done, and then prints its report.
     """
     from hapticnet.cli.master import join
@@ -83,7 +83,7 @@ def master(given: MasterOptions) -> None:
 
 app.command(short_help="Run a codec over a recorded force.")(encode.encode)
 app.command(short_help="Compare every codec on recordings with the best possible.")(compare.compare)
-app.command(short_help="Print what a recording holds.")(recordings.info)
+app.command(short_help="Print what a recording contains.")(recordings.info)
 app.command(short_help="Play a recording's hand to a slave, or its force through a codec and channel.")(replay.replay)
 app.command(short_help="Write a recording as CSV, Parquet, NumPy or MCAP.")(recordings.export)
 app.command(short_help="Complete a recording after a crash.")(recordings.recover)
@@ -116,7 +116,7 @@ def main() -> None:
     docs/use/service.md lists the exit codes.
     """
     if asks_for_json(sys.argv[1:], os.environ):
-        STDERR.form = Form.JSON  # now, so that what is wrong with options is told in this form, too
+        STDERR.form = Form.JSON  # now, so that errors in options are printed in this form too
     try:
         if not os.environ.get("COLUMNS", "").strip("0"):  # rich would print nothing in 0 columns
             os.environ.pop("COLUMNS", None)
@@ -150,7 +150,7 @@ def _tell(error: Exception) -> int:
         return INTERNAL
     _reword(error)
     message = error.format_message()
-    if message.startswith("Usage:"):  # a verb is missing, and this is the help
+    if message.startswith("Usage:"):  # a verb is missing, so this is the help
         print(message, file=sys.stderr)
     else:
         complain(f"{_source(error)}{message} (see {_command_path(error)} --help)")
@@ -158,7 +158,7 @@ def _tell(error: Exception) -> int:
 
 
 def _reword(error: Any) -> None:
-    """Say in plain words what typer says of a value in those of pydantic."""
+    """Translate typer's message about a value, in pydantic's words, into plain words."""
     mistakes = error.__cause__.errors() if hasattr(error.__cause__, "errors") else []
     for mistake in mistakes[:1]:
         if (words := WRONG.get(mistake["type"])) is not None:
@@ -168,7 +168,7 @@ def _reword(error: Any) -> None:
 
 
 def with_page_address(arguments: list[str]) -> list[str]:
-    """Return the command line with an address after each ``--page`` that has none; the parser needs one."""
+    """Return the command line with an address after each ``--page`` that has none, because the parser needs one."""
     following = [*arguments[1:], "-"]
     return [
         f"--page={AUTO}" if argument == "--page" and next_one.startswith("-") else argument
@@ -182,7 +182,7 @@ def _command_path(error: Exception) -> str:
 
 
 def _source(error: Exception) -> str:
-    """Return the file or variable that an invalid value came from, if it was not the command line."""
+    """Return the file or variable that gave an invalid value; None for the command line."""
     context, option = getattr(error, "ctx", None), getattr(error, "param", None)
     if context is None or option is None or option.name not in found_of(context):
         return ""

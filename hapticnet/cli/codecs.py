@@ -1,11 +1,11 @@
-"""``hapticnet codecs``: the compression schemes there are."""
+"""``hapticnet codecs``: list the compression schemes."""
 
 from typing import Any, Final
 
 from hapticnet import options
 
 WIDEST: Final = 110
-"""Characters of a line that still reads well."""
+"""Longest line that still reads well."""
 
 
 def codecs(json: options.Json = False) -> None:

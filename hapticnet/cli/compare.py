@@ -1,4 +1,4 @@
-"""``hapticnet compare``: which codec, at what rate, with what error, at what cost, how far from the best possible."""
+"""``hapticnet compare``: rate, error and cost of codecs, and their distance from the best possible."""
 
 from collections.abc import Callable, Sequence
 from functools import partial
@@ -168,7 +168,7 @@ def _account(trials: "list[Trial]", rows: "list[Row]") -> dict[str, Any]:
 
 
 def _grid(texts: list[str], multipliers: str, weber: float, floor: float, loss: str) -> dict[str, list[float]]:
-    """Return the values of the law, the loss and the codecs' parameters; a grid takes the place of an option."""
+    """Return the values of the law, the loss and the codecs' parameters; a grid replaces an option."""
     from hapticnet.channel.settings import parse_share
     from hapticnet.errors import SettingsError
     from hapticnet.experiment.grid import parse_grid
@@ -206,7 +206,7 @@ def _scene_trials(
 ) -> "list[Trial]":
     """Return the forces of a scene along the positions of files, or of a scripted hand if there are none.
 
-    The first position of each file is put at `start`, as text of coordinates [m]; None: where it is. `reading` says how
+    The first position of each file is moved to `start`, coordinates [m] as text; None: not moved. `reading` says how
     to read the files, as for `load_motion`.
     """
     import numpy as np

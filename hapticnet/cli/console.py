@@ -13,14 +13,14 @@ from hapticnet.errors import FileError, SettingsError, visible
 from hapticnet.files import check_replaceable, replacing, takes_a_stream
 from hapticnet.runtime.nonblocking_log import STDERR, Form, Level, LogLine, abandon, never_block, write_watched
 
-STALL_S: Final = 3.0  # time [s] that a process in real time waits for a reader of its report who has stopped reading
+STALL_S: Final = 3.0  # time [s] that a process in real time waits for a stalled reader of its report
 PROGRESS_S: Final = 5.0  # time [s] between two lines that say how far a run is, where there is no status line
 LONGEST_ERROR: Final = 4000  # characters of an error that are printed; the middle of a longer one is left out
 MOST_ENTRIES: Final = 20  # entries shown of a list in a report for a person
 
 
 class Console:
-    """Messages of a process to the person who watches it, whose reader one in real time never waits for."""
+    """Messages of a process to the person who watches it; a process in real time never waits for the reader."""
 
     def __init__(self, name: str, *, quiet: bool = False, real_time: bool = False) -> None:
         self._name = name
@@ -34,13 +34,13 @@ class Console:
 
     @property
     def left_out(self) -> int:
-        """Number of lines that were not printed, because there were too many or nobody read them."""
+        """Number of lines that were not printed, because there were too many or the reader stalled."""
         return STDERR.left_out
 
     def say(
         self, text: str, *, event: str | None = None, fields: Mapping[str, Any] | None = None, needed: bool = False
     ) -> None:
-        """Print a permanent line, a `needed` one even if quiet; for programs, with what happened and to what."""
+        """Print a permanent line, a `needed` one even if quiet; as JSON, with the event and its subject."""
         if needed or not self._quiet:
             STDERR.line(LogLine(text, who=self._name, event=event, fields=fields), needed=needed)
 
@@ -50,12 +50,12 @@ class Console:
             STDERR.line(LogLine(text, who=self._name, level=Level.WARNING, event=event, fields=fields))
 
     def fault(self, text: str) -> None:
-        """Warn of something that has failed while the run goes on; report and exit code tell it, too."""
+        """Warn of a failure that does not end the run; report and exit code state it too."""
         self.faults.append(text)
         self.warn(text)
 
     def warn_of_unused(self, unused: Mapping[str, tuple[bool, str]]) -> None:
-        """Warn of options that were given and have no effect: by option, whether that is so, and why."""
+        """Warn of options without effect: by option, whether it is ineffective, and why."""
         for option, (is_unused, why) in unused.items():
             if is_unused:
                 self.warn(f"{option} has no effect: {why}")
@@ -66,14 +66,14 @@ class Console:
             STDERR.status(f"{self._name}: {line}")
 
     def progress(self, line: str) -> None:
-        """Show how far a long run is: as status on a terminal, elsewhere as a line every `PROGRESS_S`."""
+        """Show the progress of a long run: as status on a terminal, elsewhere as a line every `PROGRESS_S`."""
         self.status(line)
         if not self._live and time.monotonic() >= self._next_progress_s:
             self._next_progress_s = time.monotonic() + PROGRESS_S
             self.say(line)
 
     def finish(self) -> None:
-        """Remove the status line, and wait a moment until everything is printed."""
+        """Remove the status line, and wait briefly until everything is printed."""
         if self._live:
             STDERR.status("")
         STDERR.drain()
@@ -82,7 +82,7 @@ class Console:
 def complain(message: str) -> None:
     """Print an error as one line on stderr."""
     line = " ".join(message.split())
-    if len(line) > LONGEST_ERROR:  # an invalid value may have any length; what would be right stands at the end
+    if len(line) > LONGEST_ERROR:  # an invalid value may have any length; the allowed values are at the end
         line = f"{line[: LONGEST_ERROR // 2]} … {line[-LONGEST_ERROR // 2 :]}"
     STDERR.line(LogLine(line, who="hapticnet", level=Level.ERROR), needed=True)
 
@@ -95,9 +95,9 @@ def deliver(
     real_time: bool = False,
     shown: Mapping[str, Any] | None = None,
 ) -> None:
-    """Write a report to `file` as JSON, then print it on stdout, as JSON or for a person, who may see `shown` instead.
+    """Write a report to `file` as JSON, then print it on stdout, as JSON or as text for a person (`shown` if given).
 
-    The JSON has the provenance, too. In real time, a stdout that nobody reads for `STALL_S` is given up.
+    The JSON includes the provenance. In real time, a stdout that is not read for `STALL_S` is abandoned.
 
     Raise FileError if the file or stdout cannot be written; the other one is still written.
     """
@@ -108,7 +108,7 @@ def deliver(
         if file is not None:
             write_text(file, text)
     finally:
-        STDERR.drain()  # so that on a terminal the report stands below the messages
+        STDERR.drain()  # so that on a terminal the report is below the messages
         _print(
             text if as_json else "".join(f"{visible(line)}\n" for line in _lines(shown or report)),
             STALL_S if real_time else None,
@@ -132,7 +132,7 @@ def _print(text: str, stall_s: float | None) -> None:
 
 
 def show(text: str) -> None:
-    """Print a text for a person on stdout, with "?" in the place of what would speak to a terminal."""
+    """Print a text for a person on stdout, with control characters replaced by "?"."""
     print("\n".join(visible(line) for line in text.split("\n")))
 
 

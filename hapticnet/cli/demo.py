@@ -36,7 +36,7 @@ def demo(
     codec: options.Codec = "deadband",
     announced: Annotated[
         bool,
-        typer.Option(help="Let the slave announce the contact ahead, so that the device is in time."),
+        typer.Option(help="Let the slave announce the contact ahead, so that the device reacts in time."),
     ] = False,
     rate: Annotated[float, typer.Option(help="Positions a second.")] = 1000.0,
     page: options.Page = None,
@@ -150,7 +150,7 @@ def demo(
 
 
 def _play_on_page(page: str, console: "Console", *, seed: int, device: str, codec: str, rate_hz: float) -> None:
-    """Run both processes, open the page, and pass on what the master says, until it ends.
+    """Run both processes, open the page, and pass on the master's messages, until it ends.
 
     The browser is a child of this process, which has normal priority; a child of the master would inherit its
     real-time priority.
@@ -174,7 +174,7 @@ def _play_on_page(page: str, console: "Console", *, seed: int, device: str, code
             if said.startswith(PAGE):
                 console.say("press Ctrl-C to end" if open_browser(file) else OPEN_IT)
         master.finish()
-    except KeyboardInterrupt:  # this is how it ends
+    except KeyboardInterrupt:  # the normal end
         console.say("ended")
     finally:
         for child in (master, slave):
@@ -183,7 +183,7 @@ def _play_on_page(page: str, console: "Console", *, seed: int, device: str, code
 
 
 def open_browser(url: str) -> bool:
-    """Open a page where there is a browser with a window; return whether there is one.
+    """Open a page if there is a browser with a window; return whether there is one.
 
     All users of this machine can read the command line of a browser, so the address must have no token.
     """

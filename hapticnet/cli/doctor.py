@@ -1,4 +1,4 @@
-"""``hapticnet doctor``: whether this machine can do it. Verdicts are words; colour only repeats them."""
+"""``hapticnet doctor``: whether this machine is fit. Verdicts are words; colour only repeats them."""
 
 import sys
 from itertools import groupby
@@ -17,10 +17,10 @@ if TYPE_CHECKING:
 
 NARROWEST: Final = 40
 WIDEST: Final = 100
-"""Characters of a line: fewer leave a value no room, and more read badly."""
+"""Shortest and longest line: shorter ones leave no room for values, and longer ones read badly."""
 
 INDENT: Final = 14
-"""Column of titles, and of all that is said below them."""
+"""Column of titles, and of the text below them."""
 
 COLOURS: Final = {"ok": "green", "warning": "bold yellow", "problem": "bold red", "not present": "dim"}
 
@@ -47,7 +47,7 @@ def doctor(
     quick: Annotated[bool, typer.Option(help="Leave out the 3 s of measuring.")] = False,
     json: options.Json = False,
 ) -> None:
-    """Say whether this machine can run a slave and a master, and what to do where it cannot.
+    """Say whether this machine can run a slave and a master, and what to do if it cannot.
 
     Looks at timer, scheduling, CPUs, socket buffers and serial ports. Measures round trip and ticks with a slave and a
     master on loopback for 3 s.
@@ -125,7 +125,7 @@ def print_page(findings: "Sequence[Finding]", *, measured: bool) -> None:
 
 
 def in_encoding(text: str, encoding: str) -> str:
-    """Return a text as a terminal can show it that has no Unicode."""
+    """Return a text for a terminal without Unicode."""
     plain = text if encoding.lower().startswith("utf") else text.translate({ord("µ"): "u", ord("…"): "..."})
     return plain.encode(encoding, "replace").decode(encoding)
 

@@ -9,7 +9,7 @@ from hapticnet import options
 from hapticnet.perception import PAPER_FLOOR_N, PAPER_WEBER_FRACTION
 
 LONGEST_REPEATED_S: Final = 5.0
-"""A run that takes longer is not repeated to measure its speed."""
+"""Longest run that is repeated to measure its speed."""
 
 
 def encode(

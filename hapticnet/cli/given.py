@@ -1,4 +1,4 @@
-"""The options of ``hapticnet slave`` and ``hapticnet master``; what these do is imported when they begin."""
+"""The options of ``hapticnet slave`` and ``hapticnet master``; their code is imported when they begin."""
 
 from dataclasses import dataclass
 
@@ -9,7 +9,7 @@ from hapticnet.perception import PAPER_FLOOR_N, PAPER_WEBER_FRACTION
 
 @dataclass(kw_only=True)
 class ProcessOptions:
-    """The options that both have."""
+    """The options that both verbs have."""
 
     key: options.Key = None
     channel_out: options.ChannelOut = "perfect"

@@ -56,7 +56,7 @@ def public(file: options.KeyArgument = None) -> None:
 
 @app.command("list", short_help="List the masters that the slave admits.")
 def list_masters(file: options.MastersArgument = None, json: options.Json = False) -> None:
-    """List the masters that the slave admits, with their limits, after the checks that the slave makes at its start."""
+    """List the masters that the slave admits, with their limits, after the same checks as at the start of the slave."""
     import os
 
     from hapticnet.cli.console import deliver, print_table

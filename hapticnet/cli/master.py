@@ -1,4 +1,4 @@
-"""A master from its options: its node, what looks on, its messages, and its report."""
+"""A master from its options: its node, its watchers, its messages, and its report."""
 
 from dataclasses import asdict
 from typing import TYPE_CHECKING, Any, Final
@@ -54,22 +54,22 @@ if TYPE_CHECKING:
     from hapticnet.protocol.messages import Code, Grant
 
 
-ADVISE_AFTER: Final = 6  # status intervals without a session after which the operator is told what to check: 3 s
+ADVISE_AFTER: Final = 6  # status intervals without a session before advice is printed: 3 s
 WORDS: Final[dict[type, str]] = {
     LinkRecovered: "link recovered",
     SessionLost: "session lost ({0.reason}); asking for a new one",
-    ChangeRefused: "the slave refuses the change ({0.reason}); the session goes on as it was",
+    ChangeRefused: "the slave refuses the change ({0.reason}); the session continues unchanged",
     Hinted: "unauthenticated refusal ({0.reason}); asking again",
     FingerNotMet: "finger not found, so the first force will search for it: {0.reason}",
     DeviceFound: "device ready: {0.description}",
-    DeviceLost: "device lost ({0.reason}); the session goes on, the finger feels nothing",
+    DeviceLost: "device lost ({0.reason}); the session continues, the finger feels nothing",
     Paused: "{0.reason}; the force goes to zero until the operator is resumed",
     Resumed: "the operator is asked again; the force rises from zero",
     Failed: "{0.reason}; the force goes to zero and the session is closed",
     Noticed: "the slave says: {0.reason}",
     StepsTooSlow: "{0}",
     ForceFault: "platform retracted: {0.reason}",
-}  # what a person is told of an event, if it needs no more than the event
+}  # messages for a person that need only the event
 
 
 def join(given: MasterOptions) -> None:
@@ -140,14 +140,14 @@ def join(given: MasterOptions) -> None:
     outcome: MasterRun | None = None
 
     def faults() -> list[str]:
-        """Return what was wrong although the run went on."""
+        """Return the faults that did not end the run."""
         return [*map(str, node.times.reported), *rescue.faults, *console.faults]
 
     def conclude() -> None:
         """Deliver the report."""
         console.finish()
         busy = signs(overload.report())
-        if busy and not node.times.reported:  # else these say why
+        if busy and not node.times.reported:  # otherwise these say why
             console.warn(f"this machine was too busy for {1e6 / node.position_period_us:g} Hz: {'; '.join(busy)}")
         recorder = None if recording is None else recording.recorder
         account = master_report(
@@ -232,8 +232,8 @@ class MasterMessages(Watcher[NodeEvent]):
         self._unused: set[str] = set()
 
     def note(self, event: NodeEvent, now_us: int) -> None:  # noqa: ARG002 - messages have their own time
-        """Tell what has happened."""
-        if isinstance(event, SettingsInForce):  # for recordings: a person is told with the session, or asked for it
+        """Print the events."""
+        if isinstance(event, SettingsInForce):  # for recordings: a person sees it with the session, or asked for it
             return
         if isinstance(event, Connected):
             self._intervals = ADVISE_AFTER
@@ -249,8 +249,8 @@ class MasterMessages(Watcher[NodeEvent]):
             self._warn_of_unused(event.grant)
 
     def _warn_of_unused(self, grant: "Grant") -> None:
-        """Warn, once, of what was asked for and the scene cannot do."""
-        settings, why = self._node.settings, f"the scene {grant.scene} cannot tell how its force may change"
+        """Warn, once, of requests that the scene cannot fulfil."""
+        settings, why = self._node.settings, f"the scene {grant.scene} gives no bound of its stiffness"
         line = settings.positions == "line" and not grant.position_share
         unused = {
             "--announced": (settings.announced and not grant.announced, f"the scene {grant.scene} announces nothing"),
@@ -260,14 +260,14 @@ class MasterMessages(Watcher[NodeEvent]):
         self._unused |= {name for name, (is_unused, _) in unused.items() if is_unused}
 
     def check(self, now_us: int) -> None:  # noqa: ARG002 - the interval is fixed
-        """Give advice if there is no session yet, and renew the status line."""
+        """Give advice if there is no session yet, and update the status line."""
         self._intervals += 1
         if self._intervals == ADVISE_AFTER:
             self._console.warn(f"no session with {self._address} yet: {self.advice()}")
         self._console.status(status(self._node))
 
     def advice(self) -> str:
-        """Return what to check while no slave answers."""
+        """Return advice while no slave answers."""
         return silence_advice(self._keys, self._node.session.received.malformed, self._hint)
 
 

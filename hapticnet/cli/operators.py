@@ -22,14 +22,14 @@ OPERATORS: Final = (
 
 @dataclass(frozen=True, slots=True)
 class Hand:
-    """An operator, and what must run beside it."""
+    """An operator, and the helpers that must run beside it."""
 
     operator: "Operator"
-    file: Path | None = None  # the file that it is read from, or None
+    file: Path | None = None  # the file that it reads, or None
     watchers: "list[Watcher[NodeEvent]]" = field(default_factory=list)
 
     def report(self) -> dict[str, Any] | None:
-        """Return the operator's own account for JSON, or None."""
+        """Return the operator's report for JSON, or None."""
         from hapticnet.operator.remote import RemoteOperator
 
         return self.operator.report() if isinstance(self.operator, RemoteOperator) else None
@@ -40,7 +40,7 @@ def make_operator(
 ) -> Hand:
     """Return the operator written as `spec`; `say` is called with notes about it, `warn` with warnings.
 
-    Raise SettingsError if there is no such operator, or a class of the user's cannot be used; FileError if its file
+    Raise SettingsError if there is no such operator, or the user's class cannot be used; FileError if its file
     cannot be used; UnavailableError if its socket cannot be opened.
     """
     import numpy as np
@@ -75,11 +75,11 @@ def make_operator(
 
 
 def check_operator(spec: str) -> "UserClass | None":
-    """Return the class of the user's that `spec` names, or None if it is an operator of hapticnet's own.
+    """Return the user's class that `spec` names, or None for an operator of hapticnet.
 
     Files and sockets are not opened.
 
-    Raise SettingsError if there is no such operator, or a class of the user's cannot be imported.
+    Raise SettingsError if there is no such operator, or the user's class cannot be imported.
     """
     from hapticnet.checks import meant
     from hapticnet.errors import SettingsError
@@ -111,7 +111,7 @@ def _remote(spec: str, rest: str, say: Callable[[str], None], warn: Callable[[st
     bound = bound_address(sock)
     say(f"positions are read from {bound}" + ("" if axes == 1 else f", {axes} axes"))
     if not is_loopback(sock.getsockname()):
-        warn(f"whoever reaches {bound} can move the tool; datagrams there are neither encrypted nor checked")
+        warn(f"anyone who reaches {bound} can move the tool; datagrams there are neither encrypted nor checked")
     return Hand(operator, None, [HandPort(operator, sock, say)])
 
 

@@ -1,4 +1,4 @@
-"""What ``--page`` adds to a master: a server, its address, and the page as a watcher."""
+"""Parts that ``--page`` adds to a master: a server, its address, and the page as a watcher."""
 
 import atexit
 import os
@@ -33,7 +33,7 @@ _LINK: Final = '<!doctype html><meta http-equiv="refresh" content="0; url={url}"
 
 
 class ServedPage:
-    """The socket on which pages will be served, opened early so that a wrong address is told at once."""
+    """The socket on which pages will be served, opened early so that a wrong address is reported at once."""
 
     def __init__(self, sock: socket.socket, access: "Access", console: "Console") -> None:
         self._sock = sock
@@ -41,7 +41,7 @@ class ServedPage:
         self._console = console
 
     def close(self) -> None:
-        """Give the address up; needed only if `watchers` are not run."""
+        """Release the address; needed only if `watchers` are not run."""
         self._sock.close()
 
     def watchers(
@@ -54,7 +54,7 @@ class ServedPage:
         emulators: "Mapping[str, Emulator[Any] | None]",
         in_words: "Callable[[NodeEvent], str]",
     ) -> "list[Watcher[NodeEvent]]":
-        """Return what serves the page of a master, in the order in which it is to be started."""
+        """Return the servers of a master's page, in their order of starting."""
         from hapticnet.operator.live import LiveHand
         from hapticnet.web.controls import Controls
         from hapticnet.web.page import Page, PageSettings
@@ -78,7 +78,7 @@ class ServedPage:
 
 
 def choose_operator(operator: str | None, page: str | None, console: "Console") -> tuple[str, ServedPage | None]:
-    """Return where the positions come from, and what serves the page, if there is one; raise as `listen_for`."""
+    """Return the source of positions and the server of the page, if any; raise like `listen_for`."""
     if page is None and operator != "page":
         return operator or "scripted", None
     sock, access = listen_for(page, ("operator", "watch"), console)
@@ -101,7 +101,7 @@ def listen_for(page: str | None, views: "tuple[View, ...]", console: "Console") 
     sock, access = listen_for_pages(page_address(page), views)
     if not is_loopback(sock.getsockname()):
         console.warn(
-            "other hosts can reach the page, and it is not encrypted: whoever reads these addresses on"
+            "other hosts can reach the page, and it is not encrypted: anyone who reads these addresses on"
             " the network can move the needle"
         )
     return sock, access
@@ -117,8 +117,8 @@ def page_address(page: str | None) -> "HostPort | None":
 def say_addresses(views: "Mapping[str, View]", access: "Access", console: "Console") -> None:
     """Print the addresses of views, each with its text before it; raise UnavailableError if a file cannot be written.
 
-    The tokens in them are for a person at a terminal. What is no terminal may be a log that others read: it gets the
-    names of files in a folder of this user, each of which leads a browser to a view.
+    The tokens in them are for a person at a terminal. Other outputs may be logs that others read: they get the
+    names of files in a folder of this user, each of which redirects a browser to a view.
     """
     addresses = {text: access.url(view) for text, view in views.items()}
     if not _on_terminal():

@@ -11,7 +11,7 @@ if TYPE_CHECKING:
     from hapticnet.recordings.session.session import Session
 
 LEFT_OUT: Final = ("wire_versions", "asked_at_start", "request", "grant")
-"""What `info` does not show a person: what was asked for is not what was in force. --json has it."""
+"""Entries that `info` shows only with --json: requested settings may differ from those in force."""
 
 File = Annotated[Path, typer.Argument(metavar="FILE", help="A recording of master or slave: .mcap, .csv or .npz.")]
 
@@ -22,7 +22,7 @@ def info(
     json: options.Json = False,
     report: options.Report = None,
 ) -> None:
-    """Print what a recording holds: side, time, rows, events, what was in force when, and whether it is complete."""
+    """Print what a recording contains: side, time, rows, events, settings in force, and whether it is complete."""
     from hapticnet.cli.console import check_outputs, deliver
     from hapticnet.recordings.session.reading import read_session
 
@@ -42,7 +42,7 @@ def recover(
 ) -> None:
     """Complete a recording whose writer was killed, or whose disk was full.
 
-    FILE.unfinished becomes FILE. An .mcap file that is cut off or damaged is kept, and what is whole goes to
+    FILE.unfinished becomes FILE. An .mcap file that is cut off or damaged is kept, and its undamaged part goes to
     NAME-recovered.mcap.
     """
     from hapticnet.cli.console import Console, check_outputs, deliver
@@ -56,7 +56,7 @@ def recover(
     elif done.count:
         console.say(f"wrote {done.path}")
     else:
-        console.warn(f"nothing in {file} is whole; {done.path} has no rows")
+        console.warn(f"nothing in {file} is undamaged; {done.path} has no rows")
     account = {"file": str(done.path), "recovered": done.count, "was_complete": done.was_complete}
     deliver(account, as_json=json, file=report)
 
@@ -65,7 +65,7 @@ def export(
     file: File,
     form: Annotated[
         options.ExportFormat | None,
-        typer.Option("--format", help="Format to write; default: that of --out. mcap is for Foxglove and PlotJuggler."),
+        typer.Option("--format", help="Format to write; default: from --out. mcap is for Foxglove and PlotJuggler."),
     ] = None,
     out: Annotated[
         Path | None, typer.Option(metavar="FILE", help="The main file; default: FILE with another suffix.")
@@ -86,21 +86,21 @@ def export(
     target = out or file.with_suffix(f".{chosen}")
     if target.suffix.lower() != f".{chosen}":
         raise SettingsError(f"{target}: expected a name that ends in .{chosen}")
-    session = read_session(file, max_bytes=max_size)  # first: else its name might be blamed
+    session = read_session(file, max_bytes=max_size)  # first, otherwise its name might be blamed
     files = exported_files(target)
     check_outputs(*files, inputs=[file])
     check_new(*files, overwrite=overwrite)
     write(session, target)
     console = Console("export")
     if not session.complete:
-        console.warn(f"{file} is not complete; everything that is whole was exported")
+        console.warn(f"{file} is not complete; its undamaged part was exported")
     for each in files:
         if each.exists():
             console.say(f"wrote {each}")
 
 
 def _account(file: Path, session: "Session") -> dict[str, Any]:
-    """Return what is known about a recording, for JSON."""
+    """Return the contents and facts of a recording, for JSON."""
     from datetime import UTC, datetime, timedelta
 
     from hapticnet.recordings.loading import time_notes
@@ -138,7 +138,7 @@ def _account(file: Path, session: "Session") -> dict[str, Any]:
 
 
 def _overview(account: dict[str, Any]) -> dict[str, Any]:
-    """Return the part of an account that a person is shown: a line for each event, and the most important settings."""
+    """Return the part of an account for a person: a line for each event, and the most important settings."""
     from hapticnet.recordings.session.session import IN_FORCE, INCOMPLETE, settings_line
 
     about = {key: value for key, value in account["about"].items() if key not in (*LEFT_OUT, INCOMPLETE)}
@@ -166,5 +166,5 @@ def _complete_in_words(account: dict[str, Any]) -> str:
     if account["complete"]:
         return "yes"
     if not account["is_whole"]:
-        return f"no, cut off or damaged; 'hapticnet recover {account['file']}' saves what is whole"
+        return f"no, cut off or damaged; 'hapticnet recover {account['file']}' saves the undamaged part"
     return f"no; {account['about'].get(INCOMPLETE, 'its recording stopped before its session ended')}"

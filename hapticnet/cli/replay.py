@@ -1,4 +1,4 @@
-"""``hapticnet replay``: the hand of a recording to a slave again, or its force through a codec and a channel."""
+"""``hapticnet replay``: play a recorded hand to a slave, or a recorded force through a codec and a channel."""
 
 from contextlib import contextmanager
 from dataclasses import dataclass, fields
@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from hapticnet.recordings.loading import Motion
 
 FASTEST_HZ: Final = 10_000.0
-"""Highest rate at which recordings are replayed: what a slave grants if it was not told otherwise."""
+"""Highest rate at which recordings are replayed: what a slave grants by default."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -97,8 +97,8 @@ def _rate_hz(t_us: list[int]) -> float:
     steps = [after - before for before, after in pairwise(t_us) if after > before]
     if not steps:
         return 1000.0
-    # A tick that was late or left out makes a step longer, by whole periods in the end: a mean of steps would tell
-    # another rate than the session had.
+    # A late or missed tick makes a step longer, by whole periods in the end: a mean of steps would give
+    # a lower rate than the session's.
     usual_us = median(steps)
     periods = sum(round(step / usual_us) for step in steps)
     return min(max(round(1e6 * periods / sum(steps), 1), RATE_HZ.smallest), FASTEST_HZ)
@@ -106,7 +106,7 @@ def _rate_hz(t_us: list[int]) -> float:
 
 @contextmanager
 def _slave(given: ReplayOptions, motion: "Motion") -> "Iterator[str]":
-    """Yield the address of the slave: the one that was named, or one of our own that plays the recorded force."""
+    """Yield the address of the slave: the named one, or our own slave that plays the recorded force."""
     from hapticnet.checks import axes_of
     from hapticnet.cli.console import Console
     from hapticnet.codec.registry import split_codec
@@ -126,7 +126,7 @@ def _slave(given: ReplayOptions, motion: "Motion") -> "Iterator[str]":
             " --force-column and --position-column"
         )
     for note in force.notes:
-        if note not in motion.notes:  # which the operator tells
+        if note not in motion.notes:  # which the operator reports
             Console("replay").say(f"{file}: {note}")
     scene = f"recording:{file}" if column is None else f"recording:{file}:{column}"
     arguments = ["slave", "--listen", "127.0.0.1:0", "--scene", scene, "--add-codec", split_codec(given.codec)[0]]

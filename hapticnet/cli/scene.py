@@ -16,7 +16,7 @@ Spec = Annotated[
 
 @app.command(short_help="Print the tissues or bodies of a scene.")
 def show(scene: Spec = "paper:0", json: options.Json = False, report: options.Report = None) -> None:
-    """Print the tissues of a scene, from front to back, or its bodies; of a class of yours, its name and axes."""
+    """Print the tissues of a scene, from front to back, or its bodies; for your own class, its name and axes."""
     from dataclasses import asdict
 
     from hapticnet.cli.console import check_outputs, deliver
@@ -40,7 +40,7 @@ def show(scene: Spec = "paper:0", json: options.Json = False, report: options.Re
     for tissue in settings.tissues:
         declared = {key: value for key, value in asdict(tissue).items() if value != 0.0}
         if not tissue.shaft_friction_n:
-            del declared["shaft_presliding_m"]  # says how friction sets in, and there is none
+            del declared["shaft_presliding_m"]  # describes the onset of friction, and there is none
         tissues.append({**declared, "breaches_at_m": tissue.rest_position_m + tissue.breach_depth_m})
     deliver({"name": settings.name, "tissue": tissues, **others}, as_json=json, file=report)
 

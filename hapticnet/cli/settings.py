@@ -1,4 +1,4 @@
-"""Values of options from a configuration file and from the environment, and ``hapticnet config``, which tells them."""
+"""Values of options from a configuration file and from the environment, and ``hapticnet config``, which shows them."""
 
 import os
 from collections.abc import Iterable, Iterator, Mapping
@@ -18,11 +18,11 @@ CONFIG_VARIABLE: Final = "HAPTICNET_CONFIG"  # environment variable that names t
 OTHER_VARIABLES: Final = {CONFIG_VARIABLE, "HAPTICNET_TRACEBACK", "HAPTICNET_FIRMWARE"}
 """Environment variables that set no option: `cli.SHOW_TRACEBACK` and `runtime.nano.BUILD_VARIABLE` are the others."""
 
-FOUND: Final = "hapticnet.found"  # where a context keeps what file and environment set
-DEFAULT: Final = "default"  # the source of a value that nobody set
+FOUND: Final = "hapticnet.found"  # key of a context's values from file and environment
+DEFAULT: Final = "default"  # the source of a default
 SETTINGS: Final = {"allow_interspersed_args": False, "ignore_unknown_options": True}  # leave the rest to the verb
-UNSETTABLE: Final = {"help", "config"}  # options that are given on the command line only
-FLAGS: Final = {  # what the environment may set a flag to
+UNSETTABLE: Final = {"help", "config"}  # options for the command line only
+FLAGS: Final = {  # values of a flag in the environment
     **dict.fromkeys(("1", "true", "yes", "on"), True),
     **dict.fromkeys(("0", "false", "no", "off"), False),
 }
@@ -34,7 +34,7 @@ Verb: TypeAlias = tuple[str, ...]  # the words of a verb, such as ("device", "st
 class Found:
     """The value of an option that was not given on the command line."""
 
-    value: str | bool | list[str]  # the value as the option would take it on the command line; True or False for a flag
+    value: str | bool | list[str]  # the value as on the command line; True or False for a flag
     source: str  # where it was found, for people: a file and its table, or an environment variable
 
 
@@ -49,12 +49,12 @@ def leaves(command: Any, verb: Verb = ()) -> Iterator[tuple[Verb, Any]]:
 
 
 def option_key(option: Any) -> str:
-    """Return what a file calls an option: its long name without dashes."""
+    """Return an option's name in a file: its long name without dashes."""
     return str(max(option.opts, key=len)).lstrip("-")
 
 
 def settable(command: Any) -> dict[str, Any]:
-    """Return the options of a command that files and the environment may set, by what files call them."""
+    """Return the options of a command that files and the environment may set, by their names in files."""
     options = {option_key(each): each for each in command.params if each.param_type_name == "option"}
     return {key: option for key, option in options.items() if key not in UNSETTABLE}
 
@@ -65,7 +65,7 @@ def variable(verb: Verb, key: str) -> str:
 
 
 def from_environment(verb: Verb, command: Any, environment: Mapping[str, str]) -> dict[str, Found]:
-    """Return what the environment sets, by the parameters' names; empty variables set nothing.
+    """Return the values from the environment by the parameters' names; empty variables set nothing.
 
     Raise SettingsError if the value of a flag is neither true nor false.
     """
@@ -87,13 +87,13 @@ def from_environment(verb: Verb, command: Any, environment: Mapping[str, str]) -
 
 
 def own_variables(command: Any, environment: Mapping[str, str]) -> dict[str, Found]:
-    """Return what variables set that several verbs share, such as HAPTICNET_KEY, by the parameters' names."""
+    """Return the values of shared variables, such as HAPTICNET_KEY, by the parameters' names."""
     shared = {each.name: str(each.envvar) for each in settable(command).values() if each.envvar}
     return {name: Found(environment[each], each) for name, each in shared.items() if environment.get(each)}
 
 
 def unknown_variables(verb: Verb, command: Any, environment: Mapping[str, str]) -> Iterator[str]:
-    """Yield a line for each environment variable that looks like an option of a verb and is none."""
+    """Yield a line for each environment variable that looks like an option of a verb but is not."""
     start = variable(verb, "")
     known = [variable(verb, key) for key in settable(command)]
     for name in environment:
@@ -114,7 +114,7 @@ def unknown_to_all(root: Any, environment: Mapping[str, str]) -> Iterator[str]:
 
 
 def from_file(path: Path, root: Any) -> dict[Verb, dict[str, Found]]:
-    """Return what a configuration file sets, for each verb, by the parameters' names.
+    """Return the values in a configuration file, for each verb, by the parameters' names.
 
     Raise FileError if the file cannot be read or is not TOML; SettingsError if a table or key is unknown, or a value
     has the wrong type.
@@ -165,7 +165,7 @@ def _checked(value: Any, option: Any, where: str) -> str | bool | list[str]:
 
 
 def wanted(option: Any) -> str:
-    """Return what to do about an option whose value is empty."""
+    """Return advice about an option with an empty value."""
     return f"give {option.metavar or 'one of the choices'}" + ", or leave it out" * (not option.required)
 
 
@@ -186,7 +186,7 @@ def _guess(name: str, known: Iterable[str]) -> str:
 
 
 def load_found(ctx: typer.Context, path: Path | None, environment: Mapping[str, str]) -> dict[str, Found]:
-    """Return what file and environment set for the verb of a context; the environment takes precedence.
+    """Return the values from file and environment for the verb of a context; the environment takes precedence.
 
     Raise FileError, SettingsError if the file or a variable cannot be used.
     """
@@ -206,7 +206,7 @@ def verb_of(ctx: typer.Context) -> Verb:
 
 
 def found_of(ctx: typer.Context) -> dict[str, Found]:
-    """Return what file and environment set, by the parameters' names."""
+    """Return the values from file and environment, by the parameters' names."""
     found: dict[str, Found] = ctx.meta.get(FOUND, {})
     return found
 
@@ -214,7 +214,7 @@ def found_of(ctx: typer.Context) -> dict[str, Found]:
 def config(
     ctx: typer.Context,
     verb: Annotated[
-        list[str] | None, typer.Argument(metavar="VERB OPTIONS", help="A verb and options for it, as one would run it.")
+        list[str] | None, typer.Argument(metavar="VERB OPTIONS", help="A verb and its options, as in a real run.")
     ] = None,
     file: Annotated[
         Path | None,
@@ -227,8 +227,8 @@ def config(
     An option on the command line takes precedence over the environment (HAPTICNET_MASTER_CODEC for the --codec of
     master), which takes precedence over the file given by --config; otherwise the default applies.
 
-    Without a verb, print what file and environment set, for all verbs. Variables that begin with HAPTICNET_ and set
-    nothing are told as warnings.
+    Without a verb, print the values from file and environment for all verbs. HAPTICNET_ variables that set
+    nothing are reported as warnings.
     """
     from hapticnet.cli.console import Console, print_table
 

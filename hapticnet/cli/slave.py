@@ -1,4 +1,4 @@
-"""A slave from its options: its node, what looks on, its messages, and its report."""
+"""A slave from its options: its node, its watchers, its messages, and its report."""
 
 import os
 import signal
@@ -41,8 +41,8 @@ from hapticnet.scene.sources import find_source
 if TYPE_CHECKING:
     from hapticnet.node.slave_context import SlaveContext
 
-MOST_UNREAD: Final = 10  # reasons for which HELLOs were dropped that are told, each once: strangers choose them
-MOST_FAILURES: Final = 10  # different failures of scenes and codecs that the report and the last line of the run name
+MOST_UNREAD: Final = 10  # most reasons for dropped HELLOs that are printed, each once: unknown peers choose them
+MOST_FAILURES: Final = 10  # most failures of scenes and codecs that the report and the last line name
 
 
 def serve(options: SlaveOptions) -> None:
@@ -51,7 +51,7 @@ def serve(options: SlaveOptions) -> None:
     for fault in register_installed_codecs():
         console.warn(f"not served: {fault}")
     for text in options.add_codec or ():
-        parse_codec(text)  # which makes it known
+        parse_codec(text)  # whose import registers it
     if options.record_dir is not None:
         check_format(Path(f"session.{options.record_format}"))
         check_folder(options.record_dir)
@@ -169,7 +169,7 @@ def read_masters(node: SlaveNode, guests: Guests | None, console: Console) -> No
 
 
 class SlaveMessages(Watcher[SlaveEvent]):
-    """Messages about masters that come and go, and the status line; without `guests` there are no sealed sessions."""
+    """Messages about joining and leaving masters, and the status line; without `guests`, no sealed sessions."""
 
     name = "messages"
 
@@ -183,7 +183,7 @@ class SlaveMessages(Watcher[SlaveEvent]):
         self._said_draining = False
 
     def note(self, event: SlaveEvent, now_us: int) -> None:  # noqa: ARG002 - messages have their own time
-        """Tell what has happened."""
+        """Print the events."""
         failure = None
         if isinstance(event, MasterLeft):
             failure = event.context.failure
@@ -198,17 +198,17 @@ class SlaveMessages(Watcher[SlaveEvent]):
         tell(in_words(event, listed), event=type(event).__name__, fields=fields_of(event, listed))
 
     def _listed(self, event: MasterRefused) -> str | None:
-        """Return the name in the list of a master that was refused; None if it is not listed."""
+        """Return the listed name of a refused master; None if it is not listed."""
         entry = None if self._guests is None or event.public is None else self._guests.roster.find(event.public)
         return None if entry is None else entry.name
 
     def check(self, now_us: int) -> None:  # noqa: ARG002 - the interval is fixed
-        """Renew the status line."""
+        """Update the status line."""
         node = self._node
         if self._guests is not None and node.hello_filter.unkeyed and not self._said_unkeyed:
             self._said_unkeyed = True
             public = format_key(self._guests.own.public)
-            self._console.warn(f"somebody asks for a session with another slave's key; this slave's is {public}")
+            self._console.warn(f"a master asks for a session with another slave's key; this slave's is {public}")
         if node.draining and not self._said_draining:
             self._said_draining = True
             self._console.say(f"stopping: takes no new masters; {node.session_count} may finish (--drain)")
@@ -228,7 +228,7 @@ def status(node: SlaveNode) -> str:
 
 
 def in_words(event: SlaveEvent, listed: str | None = None) -> str:
-    """Return an event in words for a person; `listed` is the name in the list of a master that was refused."""
+    """Return an event in words for a person; `listed` is the listed name of a refused master."""
     if isinstance(event, MasterRefused):
         whose = "" if event.public is None else f" with the public key {format_key(event.public)}"
         own = repr(event.name) if listed is None else f"{listed!r} ({event.name!r})"
@@ -250,7 +250,7 @@ def in_words(event: SlaveEvent, listed: str | None = None) -> str:
 
 
 def fields_of(event: SlaveEvent, listed: str | None = None) -> dict[str, Any]:
-    """Return what an event is about, for programs; `listed` as for `in_words`."""
+    """Return the subject of an event, for programs; `listed` as for `in_words`."""
     if isinstance(event, StepsTooSlow):
         return {"code": event.what}
     about: dict[str, Any]
@@ -263,6 +263,6 @@ def fields_of(event: SlaveEvent, listed: str | None = None) -> dict[str, Any]:
 
 
 def who(context: "SlaveContext") -> str:
-    """Return what to call a master: its name in the list, and what it calls itself."""
+    """Return how to name a master: by its name in the list and its own name."""
     own = repr(context.session.request.name)
     return own if context.listed is None else f"{context.listed!r} ({own})"

@@ -1,4 +1,4 @@
-"""``hapticnet sweep``: compute the missing runs of a study and show how far it is; tables and figures of results."""
+"""``hapticnet sweep``: compute the missing runs of a study and show the progress; tables and figures of results."""
 
 import os
 import signal
@@ -26,7 +26,7 @@ ACCOUNT: Final = (
     "runs", "done", "computed", "failed", "first_error", "shards", "lost_workers", "poison", "seconds", "runs_per_s",
     "worker_seconds", "worker_cpu_seconds",
 )  # fmt: skip
-"""What is reported of the progress at the end."""
+"""Parts of the progress that the final report has."""
 
 LINE_S: Final = 30.0
 """Time [s] between two lines where there is no terminal."""
@@ -36,10 +36,10 @@ HELP: Final = ("-h", "--help")
 
 
 class WithoutVerb(TyperGroup):
-    """Takes ``sweep STUDY.toml`` for ``sweep run STUDY.toml``."""
+    """Reads ``sweep STUDY.toml`` as ``sweep run STUDY.toml``."""
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
-        """Add the verb where it is left out."""
+        """Add the verb if it is omitted."""
         if args and args[0] not in self.commands and args[0] not in HELP:
             args = [RUN, *args]
         return super().parse_args(ctx, args)
@@ -48,7 +48,7 @@ class WithoutVerb(TyperGroup):
 def run(
     study: Annotated[Path, typer.Argument(metavar="STUDY", help="The study: a TOML file, see docs/use/compare.md.")],
     out_dir: Annotated[
-        Path | None, typer.Option(metavar="DIR", help="Folder of the results. What is there already is kept.")
+        Path | None, typer.Option(metavar="DIR", help="Folder of the results. Existing results are kept.")
     ] = None,
     jobs: options.Jobs = None,
     scheduler: Annotated[
@@ -58,7 +58,7 @@ def run(
         ),
     ] = None,
     repeats: Annotated[
-        int | None, typer.Option(metavar="N", help="Repeats, in place of the study's number; more can be added later.")
+        int | None, typer.Option(metavar="N", help="Repeats, instead of the study's number; more can be added later.")
     ] = None,
     shard: Annotated[
         int | None, typer.Option(metavar="N", help="Runs in each file of results; default: as many as take about 3 s.")
@@ -71,7 +71,7 @@ def run(
     """Compute the missing runs of a study and store them in DIR.
 
     The numbers do not depend on --jobs and --shard. Ctrl-C finishes the shards under way; run the same command
-    again to go on.
+    again to continue.
     """
     from hapticnet.checks import check_integer
     from hapticnet.cli.console import check_outputs, deliver
@@ -83,7 +83,7 @@ def run(
     from hapticnet.sweep.tasks import plan_of
 
     if jobs is not None and scheduler is not None:
-        raise SettingsError("--jobs are processes here, and --scheduler has its own; give one of them")
+        raise SettingsError("--jobs starts processes here, and --scheduler has its own workers; give one of them")
     if shard is not None:
         check_integer("--shard", shard, 1, 10**9)
     arrow()
@@ -118,10 +118,10 @@ def run(
                 pool.close()
         if progress.failed:
             console.warn(
-                f"{progress.failed:,} runs have an error in the place of figures, the first: {progress.first_error}"
+                f"{progress.failed:,} runs have an error instead of figures, the first: {progress.first_error}"
             )
         if progress.stopped:
-            console.say(f"stopped with {progress.done:,} of {progress.runs:,} runs; the same command goes on")
+            console.say(f"stopped with {progress.done:,} of {progress.runs:,} runs; the same command continues")
         account = {key: getattr(progress, key) for key in ACCOUNT}
         account["poison"] = [f"{shard.first}-{shard.end}" for shard in progress.poison]
         about = {"study": plan.name, "digest": plan.digest, "folder": str(out_dir)}
@@ -143,7 +143,7 @@ def _pool(plan: "Plan", jobs: int, scheduler: str | None) -> "AnyPool":
 
 @contextmanager
 def _stopped_by_signals() -> Iterator[list[int]]:
-    """Yield the signals that came: the first SIGINT or SIGTERM stops the sweep, the second ends it at once."""
+    """Yield the received signals: the first SIGINT or SIGTERM stops the sweep, the second ends it at once."""
     taken: list[int] = []
 
     def take(number: int, _frame: FrameType | None) -> None:
@@ -151,7 +151,7 @@ def _stopped_by_signals() -> Iterator[list[int]]:
             raise KeyboardInterrupt
         taken.append(number)
 
-    if threading.current_thread() is not threading.main_thread():  # no other thread can listen to them
+    if threading.current_thread() is not threading.main_thread():  # other threads cannot receive them
         yield taken
         return
     before = {number: signal.signal(number, take) for number in (signal.SIGINT, signal.SIGTERM)}
@@ -164,7 +164,7 @@ def _stopped_by_signals() -> Iterator[list[int]]:
 
 @contextmanager
 def _shown(name: str, console: Console, *, quiet: bool) -> "Iterator[Callable[[Progress], None]]":
-    """Yield what shows the progress of a study: a bar on a terminal, a line now and then elsewhere."""
+    """Yield the progress display of a study: a bar on a terminal, a line now and then elsewhere."""
     if quiet or sys.stderr is None or not sys.stderr.isatty():
         said_s = 0.0
 
@@ -188,7 +188,7 @@ def _shown(name: str, console: Console, *, quiet: bool) -> "Iterator[Callable[[P
 
 def _state(progress: "Progress") -> str:
     if progress.stopped:
-        return "finishing the shards in hand"
+        return "finishing the current shards"
     parts = [f"{progress.runs_per_s:.3g} runs/s", f"{progress.workers} workers"]
     if progress.left_s is not None:
         parts.append(f"{_time(progress.left_s)} left")

@@ -1,6 +1,6 @@
-"""The values of options by the parameter's name: what is checked before a verb begins, and what the shell offers.
+"""Checks of option values before a verb begins, and completions for the shell, by the parameter's name.
 
-Imports wait until there is a value.
+Imports happen only once there is a value.
 """
 
 from collections.abc import Callable, Iterable, Mapping
@@ -18,7 +18,7 @@ COMPLETED: Final = {"codec", "scene", "device", "operator", "verb", "channel_out
 
 
 def check_values(ctx: typer.Context, options: Mapping[str, Any]) -> None:
-    """Check what was given of the options of a verb; raise typer.BadParameter, which names the option."""
+    """Check the given options of a verb; raise typer.BadParameter, which names the option."""
     parameters: list[Any] = list(ctx.command.params)
     for parameter in parameters:
         source = ctx.get_parameter_source(parameter.name)
@@ -76,7 +76,7 @@ def _check(name: str, value: Any) -> None:
 
 
 def completer(name: str) -> Callable[..., list[str]]:
-    """Return what completes the values of the parameter `name`; for files, the shell does so by itself."""
+    """Return the completion for the parameter `name`; files are completed by the shell itself."""
 
     def complete(ctx: typer.Context, incomplete: str) -> list[str]:
         return sorted(each for each in _known(name, ctx) if each.startswith(incomplete))

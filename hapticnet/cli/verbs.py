@@ -1,4 +1,4 @@
-"""What every verb has besides its own options: ``--config``, environment variables, groups and examples."""
+"""Features that all verbs share: ``--config``, environment variables, groups and examples."""
 
 import dataclasses
 import functools
@@ -38,11 +38,11 @@ LOGGING: Final = {("master",), ("slave",), ("replay",)}
 
 UNITS: Final = {"duration": "SECONDS", "sampling_rate": "HZ", "floor": "NEWTONS", "rate": "HZ", "weber": "FRACTION"}
 VALUES: Final = {bool: None, int: "N", float: "NUMBER", Path: "FILE", str: "TEXT"}
-"""What the help calls the values of parameters that name none of their own: by parameter, else by type."""
+"""Metavars for parameters that define none: by parameter, else by type."""
 
 
 def equip(app: typer.Typer) -> None:
-    """Add to each verb of an application what all verbs have."""
+    """Add to each verb of an application the features that all verbs share."""
     for verb, group in _groups(app, ()):
         group.info.epilog = _examples(verb)
         for info in group.registered_commands:
@@ -61,7 +61,7 @@ def _groups(app: typer.Typer, verb: Verb) -> Iterator[tuple[Verb, typer.Typer]]:
 
 
 def _examples(verb: Verb) -> str | None:
-    """Return what stands below the options in the help of a verb."""
+    """Return the text below the options in the help of a verb."""
     lines = EXAMPLES.get(verb)
     return None if lines is None else "\b\nExamples:\n" + "\n".join(f"  {line}" for line in lines)
 
@@ -69,7 +69,7 @@ def _examples(verb: Verb) -> str | None:
 def _equipped(function: Callable[..., None], *, log: bool) -> Callable[..., None]:
     """Return a verb as typer reads it: a parameter for each option, declared by a dataclass or one by one.
 
-    Before it begins, what it was given is checked.
+    Its options are checked before it begins.
     """
     own = list(inspect.signature(function).parameters.values())
     make: Any = own[0].annotation if len(own) == 1 and dataclasses.is_dataclass(own[0].annotation) else None
@@ -114,7 +114,7 @@ def _with_signature(function: Any, parameters: list[inspect.Parameter]) -> Calla
 
 
 def _typed(name: str, annotation: Any) -> Any:
-    """Return the annotation of a parameter in typer's words, with what its value is called and what completes it."""
+    """Return the annotation of a parameter in typer's words, with its metavar and its completion."""
     if (option := option_of(annotation)) is not None:
         told: dict[str, Any] = {"metavar": option.metavar, "help": option.help, "parser": option.parser}
         told |= {"show_default": option.show_default, "envvar": option.variable}
@@ -145,7 +145,7 @@ def _configure(ctx: typer.Context, path: Path | None) -> Path | None:
 def asks_for_json(arguments: Sequence[str], environment: Mapping[str, str]) -> bool:
     """Return whether command line, environment or configuration ask for log lines in JSON, before any is checked.
 
-    What is wrong with the configuration is told when it is read for good.
+    Errors in the configuration are reported later, when it is fully read.
     """
     verb = tuple(arguments[:1])
     if "--log-json" in arguments:
@@ -169,7 +169,7 @@ def asks_for_json(arguments: Sequence[str], environment: Mapping[str, str]) -> b
 
 
 def _choose_log(as_json: bool) -> bool:
-    """Choose the form of log lines before anything can be said."""
+    """Choose the form of log lines before anything is printed."""
     if as_json:
         STDERR.form = Form.JSON
     else:
@@ -183,7 +183,7 @@ CONFIG: Final = typer.Option(
     metavar="FILE",
     is_eager=True,
     callback=_configure,
-    help="Take options that are not given here from this TOML file; hapticnet config shows which.",
+    help="Read options that are not given here from this TOML file; hapticnet config shows which.",
 )
 LOG_JSON: Final = typer.Option(
     "--log-json/--no-log-json", is_eager=True, callback=_choose_log, help="Write each line on stderr as a JSON object."
@@ -191,7 +191,7 @@ LOG_JSON: Final = typer.Option(
 
 
 def _with_home(value: Any) -> Any:
-    """Return the value of an option, a path with its ``~`` replaced: the shell leaves it in ``--key=~/key.toml``."""
+    """Return the value of an option, with ``~`` expanded in paths: shells do not do so in ``--key=~/key.toml``."""
     if isinstance(value, list):
         return [_with_home(each) for each in value]
     return user_path(value) if isinstance(value, Path) else value
@@ -239,14 +239,14 @@ GROUPS: Final[dict[str, tuple[str, ...]]] = {
     ),
     "Running": ("duration", "seed", "jobs", "real-time", "quick", "config", "help"),
 }  # fmt: skip
-"""Names of options, each in the one group that it has in the help of every verb."""
+"""Names of options by group, the same group in the help of every verb."""
 
 
 class GroupedCommand(TyperCommand):
     """A verb whose help shows its options in `GROUPS`, and that refuses empty values."""
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
-        """Refuse empty values, which mean nothing to any option: a variable of a script may be unset."""
+        """Refuse empty values, which no option accepts: a script's variable may be unset."""
         given = {} if ctx.resilient_parsing else self.make_parser(ctx).parse_args(list(args))[0]
         for each in cast("list[Any]", self.params):
             value = given.get(each.name)

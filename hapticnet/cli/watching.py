@@ -1,4 +1,4 @@
-"""What looks on at a master or a slave for other programs: metrics, and systemd."""
+"""Watchers of a master or slave for other programs: metrics and systemd."""
 
 from collections.abc import Callable
 from typing import Any
@@ -19,7 +19,7 @@ def watch_for_programs(
     status: Callable[[], str],
     stopping: Callable[[], bool] = lambda: False,
 ) -> list[Any]:
-    """Return the watchers that serve `metrics` at an address, if there is one, and tell systemd the `status`.
+    """Return the watchers that serve `metrics` at an address, if given, and report the `status` to systemd.
 
     Raise SettingsError if the address is invalid; UnavailableError if an extra is not installed, or it is taken.
     """

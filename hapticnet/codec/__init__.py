@@ -1,1 +1,1 @@
-"""Codecs: which stimuli are transmitted, as which bytes, and what the receiver applies in between."""
+"""Codecs: which stimuli to send, how to encode them, and what the receiver applies in between."""

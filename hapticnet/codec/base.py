@@ -1,4 +1,4 @@
-"""What every codec is: a frozen description that makes encoders and decoders."""
+"""The interface of codecs: a frozen description that makes encoders and decoders."""
 
 from typing import Any, ClassVar, Final, NamedTuple, Protocol, runtime_checkable
 
@@ -11,7 +11,7 @@ from hapticnet.samples import Vector
 
 
 class Encoder(Protocol):
-    """The sending half. Its state follows what was put on the wire, never the unrounded input."""
+    """The sending half. Its state follows the values on the wire, never the unrounded input."""
 
     def encode(self, t_us: int, stimulus: Vector, position: Vector | None = None) -> bytes | None:
         """Return the payload to transmit for the stimulus of time `t_us` [µs], or None to send nothing.
@@ -19,31 +19,31 @@ class Encoder(Protocol):
         Parameters
         ----------
         stimulus
-            What is to be felt, one number per axis.
+            The force to render, one number per axis.
         position
             Where the tool was at that time [m], for the codecs whose rule depends on motion; None: at rest.
 
         Raises
         ------
         SampleError
-            When the stimulus is not finite, would be sent and is out of range, or has other axes; or a position that
-            the rule uses is or has. The encoder then goes on as if the sample had not come.
+            If the stimulus, or a position that the rule uses, is not finite, has other axes, or is out of range (a
+            stimulus: if it would be sent). The encoder then continues as if the sample had not come.
         """
 
     def refresh(self) -> None:
-        """Make the next stimulus a transmitted one, because the last update is believed lost."""
+        """Force the next stimulus to be transmitted, because the last update is believed lost."""
 
 
 class Decoder(Protocol):
     """The receiving half, bit-identical in state to the encoder wherever nothing was lost."""
 
     def decode(self, t_us: int, payload: bytes) -> None:
-        """Take in a payload that belongs to time `t_us`.
+        """Process a payload that belongs to time `t_us`.
 
         Raises
         ------
         PeerError
-            If the payload is not one of this codec's, or its values are not finite or out of range. The state
+            If the payload is not valid for this codec, or its values are not finite or out of range. The state
             is then unchanged.
         """
 
@@ -51,7 +51,7 @@ class Decoder(Protocol):
         """Return the stimulus to apply at time `t_us` [µs], finite; zeros before the first payload.
 
         Called at every sample, with the tool's position [m] where it is known. Over a network, `position_us` is later
-        than `t_us`: the position is that of now, while the newest payload that can have arrived belongs to an earlier
+        than `t_us`: the position is current, while the newest payload that can have arrived belongs to an earlier
         one.
 
         Raises
@@ -63,10 +63,10 @@ class Decoder(Protocol):
 
 @runtime_checkable
 class Predictive(Protocol):
-    """A decoder that can be asked for the future. Optional: without it, the force ahead is estimated from updates."""
+    """A decoder that can predict. Optional: without it, the force ahead is estimated from updates."""
 
     def predict(self, t_us: int, position: Vector, position_us: int) -> Vector:
-        """Return what `reconstruct` would return at a time and a position [m] to come, without changing the state."""
+        """Return what `reconstruct` would return at a future time and position [m], without changing the state."""
 
 
 CLASS_VARIABLES: Final = ("name", "needs_position", "builds_on_earlier", "receiver_has_tables", "steps")
@@ -90,7 +90,7 @@ class Encoding(NamedTuple):
     """What a codec does to a whole recording of n stimuli with a axes."""
 
     sent: npt.NDArray[np.int64]  # indices of the transmitted stimuli, shape (m,), int64
-    decoded: FloatArray  # what the receiver applies at every sample, in the unit of the input, shape (n, a)
+    decoded: FloatArray  # stimulus that the receiver applies at every sample, in the unit of the input, shape (n, a)
     payload_bytes: npt.NDArray[np.uint16]  # size of each transmitted payload [B], shape (m,), uint16
 
 
@@ -99,7 +99,7 @@ class Codec(Protocol):
 
     name: ClassVar[str]
     needs_position: ClassVar[bool]
-    """Whether its rule depends on the tool's motion; without positions it then behaves as at rest."""
+    """Whether its rule depends on the tool's motion; without positions it behaves as at rest."""
     __dataclass_fields__: ClassVar[dict[str, Any]]
 
     @property

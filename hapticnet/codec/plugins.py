@@ -47,7 +47,7 @@ def installed_codecs() -> dict[str, EntryPoint]:
 
 
 def checked_class(found: Any, source: str) -> type[Any]:
-    """Test a class (docs/refer/api.md lists what it must define); return it with its exceptions turned into ours.
+    """Test a class (docs/refer/api.md lists its required members); return it with its exceptions converted to ours.
 
     Raise SettingsError if the class is not a codec or fails the test; the message says why and names `source`.
     """
@@ -230,12 +230,12 @@ class _Decoder:
 
 
 class _Predictive(_Decoder):
-    """The decoder of a user that can be asked for the future. Satisfies `Predictive`."""
+    """The decoder of a user that can predict. Satisfies `Predictive`."""
 
     __slots__ = ()
 
     def predict(self, t_us: int, position: Vector, position_us: int) -> Vector:
-        """Return the stimulus to apply at a time to come; exceptions of the user's decoder become a SampleError."""
+        """Return the stimulus to apply at a future time; exceptions of the user's decoder become a SampleError."""
         try:
             applied: Vector = self._inner.predict(t_us, position, position_us)
             _check_applied(applied, self._axes)

@@ -1,12 +1,12 @@
 """Positions sent only when they matter: dead reckoning with a tolerance that is a share of the JND.
 
-The slave follows the line that it was promised, within the box of its scene's stiffness bound. The master knows the
+The slave follows the promised line, within the box of its scene's stiffness bound. The master knows the
 line, the bound and its true position, and sends the next position
 
-- if the force of the scene may differ between the two by more than the share of the JND that positions are granted,
+- if the force of the scene may differ between the two by more than the positions' share of the JND,
 - if the true position leaves the box, because there is a surface or a breach behind its sides,
 - after `LONGEST_SILENCE_US`,
-- at every tick while the scene cannot tell how its force will change.
+- at every tick while the scene gives no bound.
 
 Dead reckoning with a threshold is the method of distributed simulation (IEEE 1278.1). docs/refer/payloads.md describes
 the payloads of lines and bounds.
@@ -30,11 +30,11 @@ from hapticnet.stiffness_bound import LONGEST_SILENCE_US, StiffnessBound
 from hapticnet.vectors import along, distance, in_range, limited, magnitude, minus, over, single, times
 
 FASTEST_M_PER_S: Final = 10.0
-"""Largest velocity of a line on an axis: several times that of a hand (as in `scene.settings`)."""
+"""Largest velocity of a line on an axis: several times a hand's (as in `scene.settings`)."""
 
 
 class PromisedLine(NamedTuple):
-    """Where the master says that its tool is: at a position, moving on at a velocity."""
+    """The tool's motion as promised by the master: from a position, at a velocity."""
 
     t_us: int
     # As both sides know them, rounded for the wire
@@ -50,7 +50,7 @@ class PromisedLine(NamedTuple):
 
 
 def as_velocity(velocity_m_per_s: Vector) -> Vector:
-    """Return a velocity as it is rounded for the wire, limited to ± `FASTEST_M_PER_S` on each axis."""
+    """Return a velocity rounded for the wire, limited to ± `FASTEST_M_PER_S` on each axis."""
     return tuple(as_half(component) + 0.0 for component in limited(velocity_m_per_s, FASTEST_M_PER_S))
 
 
@@ -82,11 +82,11 @@ LAYOUT: Final[Mapping[int, struct.Struct]] = {
 }
 
 FARTHEST_M: Final = 2.0 * LARGEST_COMPONENT  # largest distance of a side of a box from the origin [m]
-STIFFEST: Final = 1e9  # largest stiffness [N/m] and damping [N·s/m]. Anything above is as good as no bound.
+STIFFEST: Final = 1e9  # largest stiffness [N/m] and damping [N·s/m]. Anything above is as useless as no bound.
 
 
 def rounded_bound(bound: StiffnessBound | None) -> StiffnessBound | None:
-    """Return a stiffness bound as the master reads it; None if there is none, or its numbers cannot be used."""
+    """Return a stiffness bound as the master decodes it; None if there is none, or its numbers are invalid."""
     if bound is None:
         return None
     stiffness, damping, low_m, high_m = bound
@@ -100,7 +100,7 @@ def rounded_bound(bound: StiffnessBound | None) -> StiffnessBound | None:
 
 
 def pack_bound(bound: StiffnessBound | None) -> bytes:
-    """Return the payload of a stiffness bound that is rounded."""
+    """Return the payload of a rounded stiffness bound."""
     if bound is None:
         return b""
     stiffness, damping, low_m, high_m = bound
@@ -108,7 +108,7 @@ def pack_bound(bound: StiffnessBound | None) -> bytes:
 
 
 def unpack_bound(payload: bytes, axes: int) -> StiffnessBound | None:
-    """Return the bound in a payload, None if the scene cannot tell; PeerError if it is not allowed."""
+    """Return the bound in a payload, None if the scene has none; PeerError if it is not allowed."""
     if not payload:
         return None
     layout = LAYOUT[axes]
@@ -131,7 +131,7 @@ def _is_good(bound: StiffnessBound) -> bool:
 
 
 def _rounded(x: float, toward: float) -> float:
-    """Return the float32 nearest to a number that is not further from `toward`."""
+    """Return the float32 nearest to a number, rounded toward `toward`."""
     with np.errstate(over="ignore"):
         single = np.float32(x)
     if float(single) < x if toward > 0.0 else float(single) > x:  # numpy would compare them as float32
@@ -139,15 +139,15 @@ def _rounded(x: float, toward: float) -> float:
     return float(single)
 
 
-WINDOW_US: Final = 12_000  # the velocity of a line is that of the newest samples, this long [µs]
-MOST_SAMPLES: Final = 32  # samples of which the velocity is taken, at most
+WINDOW_US: Final = 12_000  # window of the samples that determine the velocity of a line [µs]
+MOST_SAMPLES: Final = 32  # most samples in that window
 
 UNKNOWN_STIFFNESS: Final = 1000.0
-"""Least stiffness [N/m] that is assumed between leaving a box and hearing of the next one."""
+"""Least stiffness [N/m] that is assumed between leaving a box and receiving the next one."""
 
 Difference: TypeAlias = Callable[[Vector], Vector | None]
-"""``(place_m) -> force_n``: what the master applies at its position minus what it would apply had it been at the places
-on its line, for the place of now; None if that does not depend on the position."""
+"""``(place_m) -> force_n``: the force that the master applies at its position minus the force at the places
+on its line, for the present place; None if that does not depend on the position."""
 
 
 @dataclass(slots=True)
@@ -179,14 +179,14 @@ class PositionSender:
     _samples: deque[tuple[int, Vector]] = field(default_factory=lambda: deque(maxlen=MOST_SAMPLES))
 
     def set_bound(self, bound: StiffnessBound | None) -> None:
-        """Take in the newest bound; None: the scene cannot tell."""
+        """Receive the newest bound; None: the scene has none."""
         self.bound = bound
         self._outside = False
         if bound is not None:
             self._stiffest = max(self._stiffest, bound.stiffness_n_per_m)
 
     def forget(self) -> None:
-        """Forget the line, because it was not sent or nobody follows it."""
+        """Forget the line, because it was not sent or the slave does not follow it."""
         self.line = None
 
     def payload(
@@ -200,13 +200,13 @@ class PositionSender:
     ) -> bytes | None:
         """Return the payload of a position [m] at a time [µs] to send now; None if the slave's line is good enough.
 
-        The JND is that of the force applied [N]. If `wanted`, send in any case, for instance to acknowledge a force.
+        The JND belongs to the applied force [N]. If `wanted`, send in any case, for instance to acknowledge a force.
         For decoders that know the position, the slave judges what they apply at the places on the line: `difference`.
         Raise SampleError if the position is not finite or out of range.
         """
         x = single(checked_vector(position_m, "position"))
         samples = self._samples
-        if samples and t_us - samples[-1][0] <= 0:  # a clock that went back
+        if samples and t_us - samples[-1][0] <= 0:  # the clock went back
             samples.clear()
         velocity = self._newest_velocity(t_us, x)
         samples.append((t_us, x))
@@ -218,7 +218,7 @@ class PositionSender:
         return pack_line(self.line)
 
     def place_m(self, t_us: int) -> Vector | None:
-        """Return where the slave takes the tool to be [m]; None if there is no line."""
+        """Return the tool's position [m] as the slave assumes it; None if there is no line."""
         if self.line is None or self.bound is None:
             return None if self.line is None else self.line.position_m
         return self.bound.nearest(self.line.at(t_us))
@@ -263,10 +263,10 @@ class PositionSender:
         return True
 
     def _away_n(self, away_n: float, spring_n: Vector, damper_n: Vector, differing_n: Vector) -> float:
-        """Return by how much the force may be wrong at the position, where what is applied differs, too [N].
+        """Return the largest error of the force [N] at the position, where the applied force differs too.
 
         On one axis a contact pushes harder where the tool is deeper or faster, so that the two differ in the same
-        direction. On several, nothing is said about that.
+        direction. On several axes, nothing is known about that.
         """
         size_n = magnitude(differing_n)
         if len(differing_n) == 1:
@@ -274,7 +274,7 @@ class PositionSender:
             away_n = max(away_n, max(ends_n) - differing_n[0], differing_n[0] - min(ends_n))
         else:
             away_n += size_n
-        # The JND is that of the force at the position, the codec's threshold that of the force on the line.
+        # The JND belongs to the force at the position, the codec's threshold to the force on the line.
         return away_n + self.law.multiplier * self.law.weber_fraction * size_n
 
     def _followed_velocity(self, t_us: int, step_us: int) -> Vector:
@@ -287,9 +287,9 @@ class PositionSender:
         return times(moved_m, 1e6 / step_us)
 
     def _tolerance_n(self, applied_n: float, stiffness: float, changed_n: float, t_us: int) -> float:
-        """Return by how much the force on the line may differ from the true one [N].
+        """Return how far the force on the line may differ from the true one [N].
 
-        The JND is that of the force which the slave's answer to this tick leaves applied. It is not known yet, but it
+        The JND belongs to the force applied after the slave's answer to this tick. It is not known yet, but it
         is within the codec's threshold of the force on the line, and so was the one before. `changed_n` is by how much
         the force on the line may have changed since because its velocity did [N].
         """
@@ -306,7 +306,7 @@ class PositionSender:
             return times(x, 0.0)
         before_us, before = self._samples[-1]
         velocity = times(over(minus(x, before), float(t_us - before_us)), 1e6)
-        if magnitude(velocity) > FASTEST_M_PER_S:  # the hand jumped: what was before says nothing
+        if magnitude(velocity) > FASTEST_M_PER_S:  # the hand jumped: earlier samples say nothing
             self._samples.clear()
             return times(x, 0.0)
         return velocity
@@ -315,7 +315,7 @@ class PositionSender:
         """Return the velocity of a line: least squares over the newest samples, through the newest one."""
         t_us, x = self._samples[-1]
         bound = self.bound
-        if bound is None or not bound.contains(x):  # the slave may be about to find something viscous there
+        if bound is None or not bound.contains(x):  # the slave may find a viscous layer there
             return as_velocity(velocity)
         total_us2, total = 0.0, times(x, 0.0)
         for before_us, before in self._samples:

@@ -1,4 +1,4 @@
-"""Whole recordings: what a codec sends, and what the receiver applies, with and without loss.
+"""Whole recordings: the messages that a codec sends, and the stimuli that the receiver applies, with and without loss.
 
 Every codec is streamed sample by sample. Codecs made of steps run compiled instead if the ``fast`` extra is installed
 and the recording is long enough for it to pay: the same functions in one loop, so the results are equal to the bit.
@@ -53,13 +53,13 @@ def encode_array(codec: Codec, t_us: IntArray, stimuli: FloatArray, positions: F
 
 
 def is_long(t_us: IntArray) -> bool:
-    """Tell whether a recording with these times runs compiled."""
+    """Return whether a recording with these times runs compiled."""
     return len(t_us) > COMPILE_ABOVE_SAMPLES and fast_extra_installed()
 
 
 def is_made_of_steps(codec: Codec) -> "TypeGuard[Scheme]":
-    """Tell whether a codec consists of its steps alone; a subclass by a user may have its own encoder or decoder."""
-    kind: Any = getattr(codec, "inner", type(codec))  # a user's class as it was before `plugins` guarded it
+    """Return whether a codec consists of its steps alone; a subclass by a user may have its own encoder or decoder."""
+    kind: Any = getattr(codec, "inner", type(codec))  # a user's class before `plugins` guarded it
     return isinstance(codec, Scheme) and kind.encoder is Scheme.encoder and kind.decoder is Scheme.decoder
 
 
@@ -95,9 +95,9 @@ def encode_lossy(
     repair_us: int | None,
     rng: np.random.Generator,
 ) -> tuple[Encoding, IntArray]:
-    """Encode and decode a recording over a channel that loses updates; also return which of those sent arrived.
+    """Encode and decode a recording over a channel that loses updates; also return which updates arrived.
 
-    A share `loss` (0 to 1) of the updates is lost at random. One that is lost, or that the decoder refuses, is replaced
+    A share `loss` (0 to 1) of the updates is lost at random. An update that is lost or refused is replaced
     by the first stimulus at least `repair_us` later, unless a later update has arrived, as a session does after about a
     round trip; None: never.
     """

@@ -34,7 +34,7 @@ def make_codec(name: str, law: WeberLaw, parameters: Mapping[str, float] | None 
     """Return the codec called `name` for a person whose perception follows `law`.
 
     Nothing is imported here: the name may come from the network. Raise SettingsError if no codec has that name or the
-    codec has no such parameter; the message lists what there is.
+    codec has no such parameter; the message lists the known ones.
     """
     made = CODECS.get(name) or _user_codecs.get(name)
     if made is None:
@@ -56,7 +56,7 @@ def make_codec(name: str, law: WeberLaw, parameters: Mapping[str, float] | None 
 
 
 def with_share(codec: Codec, share: float) -> Codec:
-    """Return the codec with what is left of its thresholds if positions use a share of them."""
+    """Return the codec with its thresholds reduced by the share that positions use."""
     law = codec.law
     left = law.multiplier and max((1.0 - share) * law.multiplier, SMALLEST)
     return make_codec(codec.name, dataclasses.replace(law, multiplier=left), codec_parameters(codec))
@@ -92,7 +92,7 @@ def parse_codec(text: str) -> tuple[str, dict[str, float]]:
 
 
 def split_codec(text: str) -> tuple[str, str]:
-    """Return what names the codec in ``CODEC[:KEY=VALUE,…]``, and its parameters as text."""
+    """Return the name of the codec in ``CODEC[:KEY=VALUE,…]``, and its parameters as text."""
     parts = split_user_code(text)
     if parts is not None and text.partition(":")[0].strip() not in CODECS:
         return parts
@@ -103,7 +103,7 @@ def split_codec(text: str) -> tuple[str, str]:
 
 
 def register_codec(made: type[Any]) -> str:
-    """Make a class from `user_class` known under its name, and return that; SettingsError if it is taken."""
+    """Register a class from `user_class` by its name, and return the name; SettingsError if it is taken."""
     name: str = made.name
     other = CODECS.get(name) or _user_codecs.get(name, made)
     if getattr(other, "origin", None) != made.origin:
@@ -120,7 +120,7 @@ def every_codec() -> Mapping[str, type[Any]]:
 
 
 def register_installed_codecs() -> list[str]:
-    """Register every codec that installed packages offer as an entry point; return what is wrong with the others."""
+    """Register every codec that installed packages offer as an entry point; return the faults of the others."""
     faults = []
     for name, point in installed_codecs().items():
         try:
@@ -150,7 +150,7 @@ def describe_codecs() -> list[dict[str, Any]]:
 
 
 def _attributes(docstring: str) -> dict[str, str]:
-    """Return what the Attributes section of a numpydoc docstring says of each name."""
+    """Return the description of each name in the Attributes section of a numpydoc docstring."""
     meanings: dict[str, str] = {}
     name = ""
     for line in docstring.partition("Attributes\n----------\n")[2].splitlines():

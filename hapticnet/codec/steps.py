@@ -1,12 +1,12 @@
 """A scheme written once: its steps as plain functions.
 
-A scheme has two sides. The sender keeps a state, which includes what the receiver applies. At each sample it is silent
-or sends a message: a tuple of numbers, rounded as the receiver gets them. The receiver updates its state with each
+A scheme has two sides. The sender keeps a state, which includes the applied stimulus. At each sample it is silent
+or sends a message: a tuple of numbers, rounded as on the wire. The receiver updates its state with each
 message and applies a stimulus at every sample. `payload` turns messages into bytes.
 
 The same functions run in a stream (`codec.streams`) and, compiled, over whole recordings (`codec.recording`). They are
 therefore written in the subset of Python that numba compiles: numbers, tuples, named tuples, loops, and calls of such
-functions. A state is never changed in place. A memory of many updates is kept in tables (lists of lists, or arrays),
+functions. A state is never changed in place. A history of many updates is kept in tables (lists of lists, or arrays),
 which belong to the rule; every sender and every receiver has its own rule.
 """
 
@@ -70,7 +70,7 @@ class Steps(NamedTuple):
     """The functions that define a scheme. `rule` holds its numbers."""
 
     start_sender: Callable[..., Any]  # ``(rule, axes) -> state``
-    # ``(rule, sender, t_us, x) -> bool``: whether x need not be sent. False if x is not finite.
+    # ``(rule, sender, t_us, x) -> bool``: whether to send nothing for x. False if x is not finite.
     is_silent: Callable[..., bool]
     send: Callable[..., tuple[Any, Any]]  # ``(rule, sender, t_us, x, past) -> (message, sender)``
     # ``(sender) -> sender``: a state that sends the next stimulus, after an update is believed lost. Never compiled.
@@ -79,16 +79,16 @@ class Steps(NamedTuple):
     receive: Callable[..., Any]  # ``(rule, receiver, t_us, message) -> receiver``
     apply: Callable[..., Vector]  # ``(rule, receiver, t_us) -> x``
     payload_bytes: Callable[..., int]  # ``(rule, message) -> int``: size of the payload [B]
-    # ``(sender) -> receiver``: the state of the receiver if nothing is lost. Omit it if that state depends on what the
-    # sender does not know, such as the receiver's own positions.
+    # ``(sender) -> receiver``: the receiver's state if nothing is lost. Omit it if it depends on values unknown to
+    # the sender, such as the receiver's own positions.
     mirror: Callable[..., Any] = not_mirrored
-    # ``(rule, state, t_us, position) -> state``: take in a position; `watch` at the sender before `is_silent`, `move`
+    # ``(rule, state, t_us, position) -> state``: process a position; `watch` at the sender before `is_silent`, `move`
     # at the receiver before `apply`
     watch: Callable[..., Any] = ignore_motion
     move: Callable[..., Any] = ignore_motion
-    # ``(sender) -> sender``: what the sender does instead of `watch` if the position is not known. Never compiled.
+    # ``(sender) -> sender``: replaces `watch` if the position is unknown. Never compiled.
     at_rest: Callable[..., Any] = unchanged
-    # ``(rule, sender, t_us, x) -> sender``: take in every stimulus, before `is_silent` and after `watch`
+    # ``(rule, sender, t_us, x) -> sender``: process every stimulus, before `is_silent` and after `watch`
     learn: Callable[..., Any] = learn_nothing
     # ``(rule, sender, t_us, x) -> bool``: whether to forget the samples before x, for example at an impact
     ends_past: Callable[..., bool] = never
@@ -104,16 +104,16 @@ class Form(Protocol):
         """Return the payload of a message."""
 
     def unpack(self, payload: bytes, receiver: Any) -> Any:
-        """Return the message in a payload for a receiver in some state; PeerError if `pack` cannot have made it."""
+        """Return the message in a payload for a receiver in some state; PeerError if `pack` cannot produce it."""
 
 
 def hold_nothing(rule: Any, axes: int) -> Vector:
-    """Return zeros, which are held before the first message."""
+    """Return zeros, the held value before the first message."""
     return (0.0,) * axes
 
 
 def hold(rule: Any, receiver: Vector, t_us: int, message: Any) -> Vector:
-    """Return the value of a message, which is held from now on."""
+    """Return the value of a message, to be held."""
     value: Vector = message[1]
     return value
 
@@ -128,4 +128,4 @@ ZERO_ORDER_HOLD: Final[Mapping[str, Callable[..., Any]]] = {
     "receive": hold,
     "apply": held,
 }
-"""The receiver of every scheme that holds: its messages are ``(form, value)``."""
+"""The receiver of every zero-order-hold scheme: its messages are ``(form, value)``."""

@@ -32,7 +32,7 @@ class Scheme(metaclass=Description):
     builds_on_earlier: ClassVar[bool] = False
     """Whether a receiver that missed an update must refuse those after it."""
     receiver_has_tables: ClassVar[bool] = False
-    """Whether the tables of its rule serve the receiver, too."""
+    """Whether the receiver also uses the tables of its rule."""
     steps: ClassVar[Steps]
     law: WeberLaw
 
@@ -71,7 +71,7 @@ def table_of_rows(rows: int, columns: int) -> Table:
 
 
 def no_table(rows: int, columns: int) -> Table:  # noqa: ARG001
-    """Return an empty table, for a receiver that uses none."""
+    """Return an empty table, for a receiver without tables."""
     return []
 
 
@@ -100,7 +100,7 @@ class StepEncoder:
         return self._pack(message)
 
     def refresh(self) -> None:
-        """Make the next stimulus a transmitted one."""
+        """Force the next stimulus to be transmitted."""
         self._sender = self._steps.refreshed(self._sender)
 
 
@@ -131,7 +131,7 @@ class IntervalEncoder(StepEncoder):
         return self._pack(message)
 
     def refresh(self) -> None:
-        """Make the next stimulus a transmitted one."""
+        """Force the next stimulus to be transmitted."""
         self._low, self._high = EMPTY_INTERVAL
         super().refresh()
 
@@ -216,7 +216,7 @@ class PastEncoder(StepEncoder):
 
 
 def checked_position(position: Vector, axes: int) -> Vector:
-    """Return a position; SampleError if it is not finite, out of range or has other axes than the stimuli."""
+    """Return a position; SampleError if it is not finite, out of range or differs in axes from the stimuli."""
     if len(position) != axes:
         refuse_axes(position, axes, "position")
     return checked_vector(position, "position")
@@ -239,7 +239,7 @@ class StepDecoder:
         self._receiver = scheme.steps.start_receiver(self._rule, axes)
 
     def decode(self, t_us: int, payload: bytes) -> None:
-        """Take in a payload."""
+        """Process a payload."""
         receiver = self._receiver
         self._receiver = self._receive(self._rule, receiver, t_us, self._unpack(payload, receiver))
 
@@ -253,12 +253,12 @@ class StepDecoder:
         return self._apply(self._rule, self._receiver, t_us)
 
     def predict(self, t_us: int, position: Vector, position_us: int) -> Vector:  # noqa: ARG002
-        """Return the stimulus to apply at a time to come."""
+        """Return the stimulus to apply at a future time."""
         return self._apply(self._rule, self._receiver, t_us)
 
 
 class MotionDecoder(StepDecoder):
-    """Decoder of a scheme that applies a stimulus which depends on the motion of the tool."""
+    """Decoder of a scheme whose stimulus depends on the motion of the tool."""
 
     __slots__ = ("_axes", "_move")
 
@@ -277,7 +277,7 @@ class MotionDecoder(StepDecoder):
         return self._apply(self._rule, self._receiver, t_us)
 
     def predict(self, t_us: int, position: Vector, position_us: int) -> Vector:
-        """Return the stimulus to apply at a time and a position to come; the receiver stays where it is."""
+        """Return the stimulus to apply at a future time and position; the receiver's state does not change."""
         receiver = self._move(self._rule, self._receiver, position_us, checked_position(position, self._axes))
         return self._apply(self._rule, receiver, t_us)
 
@@ -288,7 +288,7 @@ class HoldDecoder(StepDecoder):
     __slots__ = ()
 
     def decode(self, t_us: int, payload: bytes) -> None:  # noqa: ARG002
-        """Take in a payload, as `hold` does."""
+        """Process a payload, as `hold` does."""
         self._receiver = self._unpack(payload, self._receiver)[1]
 
     def reconstruct(

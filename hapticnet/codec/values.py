@@ -1,6 +1,6 @@
 """A whole stimulus as bytes: counts of a step, float32, or float64 where float32 is too coarse.
 
-An encoder takes the shortest form whose value is so close to the stimulus that this is within the threshold around it
+An encoder takes the shortest form whose value is close enough for the stimulus to be within the threshold around it
 (docs/refer/payloads.md).
 """
 
@@ -22,7 +22,7 @@ DOUBLE: Final[Mapping[int, struct.Struct]] = {axes: struct.Struct(f">{axes}d") f
 
 COUNT_BYTES: Final = 2
 SINGLE_BYTES: Final = 4
-DOUBLE_BYTES: Final = 8  # bytes per axis; a message names its form by them
+DOUBLE_BYTES: Final = 8  # bytes per axis, which identify the form of a message
 LARGEST_COUNT: Final = 32_767  # counts are symmetric: -32 768, the one int16 beyond, is never sent and is refused
 
 LARGEST_STEP_N: Final = 1.0
@@ -50,7 +50,7 @@ class ValueNumbers(LawNumbers, Protocol):
 
 
 class ValueRule(NamedTuple):
-    """The numbers of a rule that has no others. Satisfies `ValueNumbers`."""
+    """The only numbers of a rule. Satisfies `ValueNumbers`."""
 
     weber: float
     floor: float
@@ -63,14 +63,14 @@ def law_numbers(law: WeberLaw) -> tuple[float, float]:
 
 
 def threshold_around(rule: LawNumbers, value: Vector) -> float:
-    """Return the threshold [N] around a stimulus that is applied."""
+    """Return the threshold [N] around an applied stimulus."""
     width = rule.weber * (abs(value[0]) if len(value) == 1 else magnitude(value))
     return width if width > rule.floor else rule.floor
 
 
 def is_within(rule: LawNumbers, x: Vector, applied: Vector) -> bool:
-    """Tell whether a stimulus is within the threshold around the applied one; NaN and infinity never are."""
-    if len(x) == 1:  # as below without two calls, because this runs at every sample
+    """Return whether a stimulus is within the threshold around the applied one; NaN and infinity never are."""
+    if len(x) == 1:  # inlined from below, because this runs at every sample
         error, size = abs(x[0] - applied[0]), abs(applied[0])
     else:
         error, size = distance(x, applied), magnitude(applied)
@@ -93,7 +93,7 @@ def rounded(rule: ValueNumbers, x: Vector) -> tuple[int, Vector, float]:
 
 
 def are_countable(x: Vector, step: float) -> bool:
-    """Tell whether every component is within `LARGEST_COUNT` steps, rounded."""
+    """Return whether every component is within `LARGEST_COUNT` steps, rounded."""
     if len(x) == 1:
         return abs(nearest(x[0] / step)) <= LARGEST_COUNT
     if len(x) == 2:

@@ -114,7 +114,7 @@ class LearnedFinger:
         before = self.contact_m, self.compliance_m_n, self._position_var, self._covariance, self._variance
         self._earlier = [*self._earlier[-1:], before]
         self._position_var += settings.drift_m**2 * elapsed_s
-        # Limited, so that a finger held at rest is not forgotten.
+        # Limited, so that the filter does not forget a finger held at rest.
         largest = (settings.largest_uncertainty * self.compliance_m_n) ** 2
         if self._variance < largest:
             self._variance = min(self._variance + settings.change_m_n**2 * elapsed_s, largest)

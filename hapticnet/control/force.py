@@ -77,7 +77,7 @@ class SensorWatch:
         return min(self._answered_m, self._fell_m)
 
     def release(self) -> None:
-        """Note that the target was released: forget a fall, so that the finger is approached as new."""
+        """Note that the target was released: forget a fall, so that the finger is approached like a new one."""
         self._fell_m = math.inf
 
     def check(
@@ -135,8 +135,8 @@ class ForceController:
     """Force control through a learned finger, with a sensor that does not detect light touch.
 
     A target below the sensor's threshold is set by the model alone. Without a target the platform waits just before the
-    finger. With a target but no touch it goes to the last known position of the finger and then searches slowly and
-    not far: it does not chase a withdrawn finger, and a sensor that falls silent cannot drive the platform into the
+    finger. With a target but no touch it goes to the last known position of the finger and then searches slowly over a
+    short distance: it does not chase a withdrawn finger, and a silent sensor cannot drive the platform into the
     finger. The platform retracts if the sensor is stuck at full scale (at once), stuck at another value (once the
     platform has moved further than the finger could without a change of force) or oscillates (within a few periods;
     see ``force.py``). The controller tries again after the target has been released.
@@ -157,7 +157,7 @@ class ForceController:
         self.reset()
 
     def reset(self) -> None:
-        """Retract and forget the finger: after a device was lost, exchanged or taken off."""
+        """Retract and forget the finger: after a device was lost, exchanged or removed."""
         self.fault: str | None = None  # reason why the platform stays retracted, or None
         self.finger.forget()
         self._watch = SensorWatch()
@@ -175,8 +175,8 @@ class ForceController:
     ) -> float:
         """Return the platform displacement [m] toward the finger.
 
-        It changes once per control period, and at once when the force to press with falls by `early_n`, or, where it
-        is predicted, rises by that.
+        It changes once per control period, and at once when the force to press with falls by `early_n` or, if
+        predicted, rises by as much.
 
         A target [N] that is not finite and positive counts as 0. The platform was at `stood_m` when the reading
         `sensed_n` was taken; a reading that is not finite or is out of range resets the controller, which retracts the
@@ -228,7 +228,7 @@ class ForceController:
         return self.displacement_m
 
     def _allowed_n(self, force_n: float) -> float:
-        """Return a force [N] limited to what is pressed with."""
+        """Return a force [N] limited to the allowed range."""
         most_n = self._most_n
         if 0.0 <= force_n <= most_n:
             return force_n

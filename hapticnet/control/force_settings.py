@@ -29,7 +29,7 @@ class ForceControlSettings:
     lead_s: float = 0.01
     # Time [s] for which the target is to be predicted: the servos' lag. bench/measure/finger_limit.py compares times.
     foresight_s: float = 0.03
-    early_n: float = 0.1  # change [N] of the wanted force that is not left to the next control period
+    early_n: float = 0.1  # change [N] of the wanted force that does not wait for the next control period
     press_speed_m_s: float = 0.06  # largest speed [m/s] toward the finger; the limit of the servos is 74 mm/s
     # Largest speed [m/s] while searching for the finger. The sensor reports a touch about 60 ms late, after 0.6 mm:
     # about 2 N on a 3 N/mm finger.

@@ -1,4 +1,4 @@
-"""What stands between a decoded force and the controller: passivity, hold with an age limit, clamp and slew limit."""
+"""Stages between a decoded force and the controller: passivity, hold with an age limit, clamp and slew limit."""
 
 import math
 from dataclasses import dataclass
@@ -109,7 +109,7 @@ class Hold:
 
     The force is a share (0 to 1) of the stimulus. The share decays while the link is stale. When the link recovers, at
     the first stimulus, and at the first one after `restart`, the share rises so that the magnitude of the force grows
-    by at most `rise_n_per_s`, until it is whole again. A stimulus of which the whole is applied may change at any rate;
+    by at most `rise_n_per_s`, until it is 1 again. A fully applied stimulus may change at any rate;
     the limits at the device (``hold.py``) follow.
 
     Age is the sum of the forward differences of the time stamps, so a clock that jumps backward never makes a stimulus
@@ -126,20 +126,20 @@ class Hold:
             raise SettingsError(f"hold has {axes} axes; 1 to {MAX_AXES} are supported")
         self._age_limit_us = settings.age_limit_us
         self._decay_us = settings.decay_us
-        self._released_us = settings.age_limit_us + settings.decay_us  # age at which nothing is applied any more
+        self._released_us = settings.age_limit_us + settings.decay_us  # age from which nothing is applied
         self._rise_n_per_us = settings.rise_n_per_s * 1e-6
         self._axes = axes
         self._zero_n: Vector = (0.0,) * axes
         self._force_n = self._zero_n
         self._age_us = settings.age_limit_us + settings.decay_us + 1
         self._now_us = 0
-        # Whether the whole stimulus may stay however old it is, because it is small. It still grows older.
+        # Whether the whole stimulus may stay at any age, because it is small. It still ages.
         self.kept = False
         self._new = False
         self._whole = False
         self._share = 0.0
-        self._applied_n = 0.0  # magnitude of the force returned last, while it is not whole
-        self._elapsed_us = 0  # time since then, of which the force may make use to rise
+        self._applied_n = 0.0  # magnitude of the last force returned, while the share is below 1
+        self._elapsed_us = 0  # time since then in which the force may rise
 
     def receive(self, force_n: Vector, now_us: int) -> None:
         """Hold a new stimulus [N], already decoded; raise SampleError if it is not finite or has other axes."""
@@ -156,7 +156,7 @@ class Hold:
         self._age_us = 0
 
     def restart(self) -> None:
-        """Let the next stimulus rise from what is applied now; call this when a new session begins."""
+        """Let the next stimulus rise from the force applied now; call this when a new session begins."""
         self._new = True
 
     def release(self) -> None:
@@ -179,7 +179,7 @@ class Hold:
 
     def value(self, now_us: int) -> Vector:
         """Return the force [N]: the stimulus until the age limit, then decaying to zero, then rising to it again."""
-        if now_us != self._now_us or self._age_us > self._age_limit_us:  # else nothing has changed
+        if now_us != self._now_us or self._age_us > self._age_limit_us:  # otherwise nothing has changed
             self._grow_older(now_us)
         if self._whole:
             return self._force_n
@@ -230,15 +230,15 @@ SMALLEST_SQUARE_M2: Final = 1e-18  # squared movement [m²] between two ticks be
 class PassivityController:
     """Observer and controller of one port; there is contact above a force of `contact_n` [N].
 
-    Every contact has an account of its own, which begins at zero: else the energy that a breach takes up would pay for
-    what is created later.
+    Every contact has its own account, which begins at zero: otherwise the energy that a breach absorbs would pay for
+    energy created later.
     """
 
     __slots__ = ("_applied_n", "_position_m", "_zero_n", "contact_n", "damped_j", "energy_j")
 
     def __init__(self, axes: int, contact_n: float) -> None:
         self.energy_j = 0.0  # work of the hand in this contact so far [J], less what it got back
-        self.damped_j = 0.0  # energy [J] that damping has taken, in all contacts
+        self.damped_j = 0.0  # energy [J] absorbed by damping, in all contacts
         self.contact_n = contact_n
         self._zero_n: Vector = (0.0,) * axes
         self._applied_n = self._zero_n
@@ -247,8 +247,8 @@ class PassivityController:
     def limit(self, force_n: Vector, position_m: Vector) -> Vector:
         """Return the force [N] to apply until the next tick.
 
-        It is `force_n`, plus damping along the motion if the account would become negative with another movement like
-        the last one. Damping never exceeds the force: it neither turns it round nor more than doubles it.
+        It is `force_n`, plus damping along the motion if the account would become negative after another movement like
+        the last one. Damping never exceeds the force: it neither reverses nor more than doubles it.
         """
         before_m, self._position_m = self._position_m, position_m
         if before_m is None:
@@ -256,7 +256,7 @@ class PassivityController:
             return force_n
         move_m = minus(position_m, before_m)
         # The mean of both ends, so that a spring gives back what it took. A force that is held from tick to tick gives
-        # back a little more; that is so without a network, too, and much less than a person can tell.
+        # back a little more; this happens without a network too, and is far below what a person can feel.
         self.energy_j += 0.5 * dot(plus(self._applied_n, force_n), move_m)
         size_n = magnitude(force_n)
         if size_n <= self.contact_n and magnitude(self._applied_n) <= self.contact_n:

@@ -23,7 +23,7 @@ class Device(Protocol):
     max_force_n: float  # largest target force [N] of the device
     description: str  # one line that identifies the device to a person
     status: str  # the word "ready", or the reason why there are no readings
-    delay_us: int = 0  # time [µs] from a call to when the servos take its displacement, beyond the wait for their frame
+    delay_us: int = 0  # time [µs] from a call until the servos take its displacement, plus the wait for their frame
     least_rate_hz: float = FORCE_LOOP_HZ  # least rate [Hz] at which it is driven, whatever the rate of the session
 
     def exchange(self, displacement_m: float, now_us: int) -> Reading | None:

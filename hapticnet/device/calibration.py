@@ -79,7 +79,7 @@ class Fit:
     rms_n: float  # root mean square and largest magnitude [N] of the residuals
     max_n: float
     # Relative excess of the sensed force during unloading: the mean relative residual of the pairs with a lower force
-    # than the pair before, less that of the pairs with a higher force. None if there are not pairs of both kinds
+    # than the pair before, less that of the pairs with a higher force. None without pairs of both kinds
     hysteresis: float | None
 
 

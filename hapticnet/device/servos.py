@@ -71,7 +71,7 @@ class Linkage:
     def pulses_us(self, displacement_m: float, held_us: Pulses) -> Pulses:
         """Return the three pulses [µs] that bring the servos' mean as near to a displacement [m] as possible.
 
-        Every servo keeps its pulse or gets one at least a deadband away, so that each servo follows what it is sent.
+        Every servo keeps its pulse or gets one at least a deadband away, so that each servo follows its pulse.
         The error of the mean pulse is below a quarter of a deadband, and the servos stay within two deadbands of each
         other: 1.6° of arm, or 0.3 mm across the platform.
 

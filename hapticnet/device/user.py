@@ -22,7 +22,7 @@ LARGEST_FORCE_N: Final = 1000.0
 
 
 class HasExchange(Protocol):
-    """What a user's object must have to press a finger; see `UserDevice` for what it may have besides."""
+    """Required method of a user's object that presses a finger; see `UserDevice` for optional members."""
 
     def exchange(self, displacement_m: float, now_us: int, /) -> Reading | float | None:
         """Set the displacement [m] of the platform; return the force [N] that its sensor reads. It must not wait."""
@@ -30,15 +30,15 @@ class HasExchange(Protocol):
 
 
 class HasApply(Protocol):
-    """What a user's object must have to render a force by itself; see `UserActuator` for what it may have besides."""
+    """Required method of a user's object that renders a force itself; see `UserActuator` for optional members."""
 
     def apply(self, force_n: float, now_us: int, /) -> float | None:
-        """Render a force [N]; return the force that is sensed, or None. It must not wait."""
+        """Render a force [N]; return the sensed force, or None. It must not wait."""
         ...
 
 
 class UserObject:
-    """What both kinds of objects have: limits, a description, a status, a report, and one method, which is checked.
+    """Base of both kinds of objects: limits, a description, a status, a report, and one checked method.
 
     `made` has the method, written as its `form`; messages call it `what`, such as "device own.py:Mine".
 
@@ -52,27 +52,27 @@ class UserObject:
         self._method = f"{type(made).__name__}.{form.partition('(')[0]}"
         self.max_force_n = _positive(made, "max_force_n", MAX_FORCE_N, LARGEST_FORCE_N, "N", what)
         self.description = _text(attribute_of(made, "description", f"{type(made).__name__} (own device)", what))
-        self._otherwise = "ready"  # the status of an object that says none
+        self._otherwise = "ready"  # the status of an object without one
 
     @property
     def status(self) -> str:
-        """What the object says, or whether it is ready."""
+        """The object's status, or whether it is ready."""
         try:
             return _text(getattr(self.made, "status", self._otherwise))
         except BaseException as error:  # it is for messages only
             return f"reading status raised {raised(error)}"
 
     def report(self) -> dict[str, Any]:
-        """Return what the object reports; nothing if it has no such method."""
+        """Return the object's report; empty if it has no such method."""
         try:
-            # Through JSON, so that nothing in it can spoil the report of the run.
+            # Through JSON, so that its content cannot break the report of the run.
             reported = json.dumps(self.made.report(), default=str) if hasattr(self.made, "report") else "{}"
             return dict(json.loads(reported))
         except BaseException as error:
             return {"report": str(failure(f"{type(self.made).__name__}.report", error))}
 
     def refuse(self, result: Any, wanted: str) -> UserCodeError:
-        """Return the error of a method that returned something else than `wanted`."""
+        """Return the error of a method that returned something other than `wanted`."""
         return UserCodeError(f"{self._method} returned {short(result)}; it must return {wanted}")
 
 
@@ -88,13 +88,13 @@ class UserDevice(UserObject, Device):  # type: ignore[override]  # a status that
     def __init__(self, made: HasExchange, what: str = "the device") -> None:
         super().__init__(made, "exchange(displacement_m, now_us)", what)
         self.travel_m = _positive(made, "travel_m", TRAVEL_M, LARGEST_TRAVEL_M, "m", what)
-        self.least_rate_hz = 0.0  # the user chooses the rate, as that of the master
+        self.least_rate_hz = 0.0  # the user chooses the rate, through the master's
         self._otherwise = "it gives no reading"
 
     def exchange(self, displacement_m: float, now_us: int) -> Reading | None:
         """Set the displacement [m], limited to the travel, and return the newest reading.
 
-        Raise UserCodeError if the object raises, or returns something else than a force, a reading or None.
+        Raise UserCodeError if the object raises, or returns something other than a force, a reading or None.
         """
         set_m = min(max(displacement_m, 0.0), self.travel_m) if math.isfinite(displacement_m) else 0.0
         try:
@@ -117,7 +117,7 @@ class UserDevice(UserObject, Device):  # type: ignore[override]  # a status that
 class UserActuator(UserObject):
     """An object of the user's that renders a force by itself, with its results checked.
 
-    Its ``apply(force_n, now_us)`` renders a force [N], 0 or more, and returns the force that is sensed, or None if it
+    Its ``apply(force_n, now_us)`` renders a force [N], 0 or more, and returns the sensed force, or None if it
     senses none. Optional: ``max_force_n`` (default 5 N), ``description``, ``status`` and ``report()``.
     """
 
@@ -127,7 +127,7 @@ class UserActuator(UserObject):
     def apply(self, force_n: float, now_us: int) -> float | None:
         """Render a force [N]; return the force sensed [N], or None.
 
-        Raise UserCodeError if the object raises, or returns something else than a number or None.
+        Raise UserCodeError if the object raises, or returns something other than a number or None.
         """
         try:
             result = self._call(force_n, now_us)

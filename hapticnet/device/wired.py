@@ -39,7 +39,7 @@ from hapticnet.device.servos import Linkage, Pulses, Servo, Servos
 from hapticnet.errors import PeerError, RefusedError
 from hapticnet.hardware import MAX_FORCE_N, SERVO_FRAME_US
 
-REPEAT_US: Final = SERVO_FRAME_US  # longest time between setpoints [µs]; the firmware retracts after 190 ms without
+REPEAT_US: Final = SERVO_FRAME_US  # longest time between setpoints [µs]; the firmware retracts after 190 ms without one
 LEAD_US: Final = 1_000
 SLOT_US: Final = 2_500
 """Time [µs] from the firmware's choice of a setpoint to the first pulse of the frame, and between the starts of its
@@ -47,7 +47,7 @@ three pulses (firmware/avr/clock.c). A servo takes a pulse when it ends."""
 
 DELAY_US: Final = 1_000 + LEAD_US + SLOT_US + 1_500
 """Time [µs] from a setpoint to the end of the second of the three pulses, of 1.5 ms, in a frame that begins as soon as
-the setpoint is there; the first millisecond is the line's."""
+the setpoint arrives; the first millisecond is spent on the line."""
 
 JITTER_US: Final = 0.5
 """Largest error [µs] of a pulse width (0.44 in simavr). A step must exceed the servo's deadband by this margin, or the
@@ -204,7 +204,7 @@ def firmware_version(identity: Identity) -> str:
 class WiredDevice(Device):
     """A fingertip device on a serial line.
 
-    The owner moves the bytes: `opened` and `closed` report the state of the port, `receive` takes what was read, and
+    The owner moves the bytes: `opened` and `closed` report the state of the port, `receive` takes the bytes read, and
     after each `exchange` and `receive`, `bytes_to_send` returns what to write. No input can make it raise.
     The last force of the calibration limits the target; the model of the servos estimates their position.
     """
@@ -221,7 +221,7 @@ class WiredDevice(Device):
         self.status = "the port is not open"
         self.identity: Identity | None = None  # answer to HELLO since the port was opened
         self.refusal: str | None = None  # why the device is not used until the port is reopened, and the remedy
-        self.wants_reopening = False  # whether to close and reopen the port, which resets a Nano: there is no answer
+        self.wants_reopening = False  # whether to reopen the port, which resets a Nano, because it is silent
         self.stream_period_ms = 0  # period of readings granted by the device [ms]; 0 before
         self._state = _State.ABSENT
         self._deframer = Deframer()
@@ -261,7 +261,7 @@ class WiredDevice(Device):
         self.wants_reopening = False
 
     def receive(self, data: bytes, now_us: int) -> None:
-        """Process bytes from the line, whatever they are."""
+        """Process arbitrary bytes from the line."""
         self._bytes += len(data)
         self._heard_bytes += len(data)
         for body in self._deframer.feed(data):

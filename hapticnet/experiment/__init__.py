@@ -1,1 +1,1 @@
-"""Experiments: recordings taken in, the paper's conditions played, results compared and drawn."""
+"""Experiments: load recordings, play the paper's conditions, compare and draw results."""

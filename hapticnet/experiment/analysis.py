@@ -1,4 +1,4 @@
-"""The paper's conditions, and what a run cost and did: bytes per penetration, and errors of the held force."""
+"""The paper's conditions, and the costs and errors of a run: bytes per penetration, and errors of the held force."""
 
 from bisect import bisect_right
 from collections.abc import Mapping, Sequence
@@ -44,7 +44,7 @@ CONDITIONS: Final = (  # source: "Cutaneous haptic deadband compression". "none"
 
 
 def conditions_with(codec: str) -> tuple[Condition, ...]:
-    """Return the same conditions with another codec, as written for ``--codec``, in place of the deadband."""
+    """Return the same conditions with another codec, as written for ``--codec``, instead of the deadband."""
     return tuple(
         replace(condition, codec=codec) if condition.codec == "deadband" else condition for condition in CONDITIONS
     )
@@ -84,7 +84,7 @@ def bytes_per_penetration(slave: Columns, *, contacts: bool = False) -> BytesPer
     datagrams = slave["datagram_bytes"]
     wire = np.where(datagrams > 0, datagrams + UDP_IPV4_HEADER_BYTES, 0.0)
     force = vectors(slave, "force", "n")
-    # On one axis a shaft that is held back has a negative force, which ends a contact.
+    # On one axis, friction on a withdrawing shaft gives a negative force, which ends a contact.
     touching = np.any(force > 0.0 if force.shape[1] == 1 else force != 0.0, axis=1)
     if contacts:
         breaches = np.flatnonzero(touching & ~np.append(touching[1:], [False]))
@@ -97,9 +97,9 @@ def bytes_per_penetration(slave: Columns, *, contacts: bool = False) -> BytesPer
 def spent_until(
     wire: FloatArray, touching: npt.NDArray[np.bool_], breaches: npt.NDArray[np.signedinteger[Any]]
 ) -> list[int]:
-    """Return what was spent on each penetration, such as bytes: `wire` at each sample, `breaches` their numbers.
+    """Return the cost of each penetration, such as bytes: `wire` at each sample, `breaches` counted so far.
 
-    It starts after the last sample without contact or after the previous breach, and ends with the breach: what is sent
+    It starts after the last sample without contact or after the previous breach, and ends with the breach: data sent
     while nothing is touched belongs to no penetration.
     """
     spent = np.concatenate([[0.0], np.cumsum(wire)])
@@ -127,9 +127,9 @@ def vectors(columns: Columns, quantity: str, unit: str) -> FloatArray:
 
 
 def matched(slave: Columns, master: Columns) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int64]]:
-    """Return the rows of both recordings that belong together, shape (n,) each, in order of time.
+    """Return the matching rows of both recordings, shape (n,) each, in order of time.
 
-    To a row of the slave belongs the tick nearest in time, within half a period: a scene may also step between the sent
+    A row of the slave matches the tick nearest in time, within half a period: a scene may also step between the sent
     positions. Of several answers for one tick the last counts.
     """
     ticks_us, steps_us = master["t_us"].astype(np.int64), slave["t_us"].astype(np.int64)

@@ -1,4 +1,4 @@
-"""Codecs side by side: what each costs and does on a recording, and how far from the best possible that is."""
+"""Codecs side by side: cost and error of each on a recording, and distance from the best possible."""
 
 import dataclasses
 import math
@@ -27,7 +27,7 @@ from hapticnet.node.offline import CostReport, cost_report
 from hapticnet.perception import WeberLaw
 
 TIMED_SAMPLES: Final = 10_000
-TIMED_PASSES: Final = 3  # passes over them, of which the fastest counts: the others were disturbed
+TIMED_PASSES: Final = 3  # passes over them; the fastest counts, because the others were disturbed
 REPAIR_US: Final = 20_000  # time [µs] after which a lost update is replaced: a round trip across a city
 DELAY_US: Final = 25_000  # delay of each way [µs] for the felt force: a link across a continent
 
@@ -118,7 +118,7 @@ class _Shared(NamedTuple):
 def encode_trial(
     codec: Codec, trial: Trial, *, loss: float = 0.0, seed: int = 0
 ) -> tuple[Encoding, npt.NDArray[np.int64]]:
-    """Return what a codec does to a trial, and which of the sent updates arrive (indices, shape (m,))."""
+    """Return a codec's result on a trial, and which of the sent updates arrive (indices, shape (m,))."""
     if not loss:
         encoding = encode_array(codec, trial.t_us, trial.stimuli, trial.positions)
         return encoding, encoding.sent
@@ -135,7 +135,7 @@ def felt_report(
     repair_us: int,
     rng: np.random.Generator,
 ) -> tuple[Felt, ErrorReport, float | None]:
-    """Return what is applied over a network, its errors, and the share of energy created; see `simulate_link`."""
+    """Return the applied force over a network, its errors, and the share of energy created; see `simulate_link`."""
     felt = simulate_link(
         codec,
         trial.t_us,
@@ -163,7 +163,7 @@ def delayed_report(
 
 
 def codec_label(codec: Codec) -> str:
-    """Return a codec as it is written on a command line, with the parameters that differ from their defaults."""
+    """Return a codec as written on a command line, with the parameters that differ from their defaults."""
     usual = {field.name: field.default for field in dataclasses.fields(codec)}
     changed = [f"{key}={value:g}" for key, value in codec_parameters(codec).items() if value != usual[key]]
     return f"{codec.name}:{','.join(changed)}" if changed else codec.name

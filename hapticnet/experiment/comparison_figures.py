@@ -1,4 +1,4 @@
-"""Figures of a comparison, one a question: packets and bytes against error, distance from the optimum, signal."""
+"""Figures of a comparison, one per question: packets and bytes against error, distance from the optimum, signal."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -17,7 +17,7 @@ from hapticnet.experiment.trials import Trial
 HEIGHT_IN: Final = 4.0
 SHOWN_S: Final = 4.0  # seconds of a recording in the figure of the signal: by default those with the most sent samples
 ERROR: Final = "rmse_n"
-SWEPT: Final = {  # settings that can vary along a line, and what they are called on an axis
+SWEPT: Final = {  # settings that can vary along a line, and their labels on an axis
     "multiplier": "threshold [JND]",
     "weber_fraction": "Weber fraction",
     "floor_n": "smallest JND [N]",
@@ -30,7 +30,7 @@ OPTIMUM_MARKERS: Final = {HOLD_OPTIMUM: "+", LINE_OPTIMUM: "x"}  # visible at a 
 
 
 class Figures:
-    """The figures of a comparison that is still to be run, so that they can be refused before it.
+    """The figures of a comparison that is still to be run, so that invalid ones can be refused before it.
 
     `signal`: label of the codec that is drawn over time; None: the first that is not raw. `window`: its seconds, as
     ``FROM:TO``; None: those with the most sent samples. Raise SettingsError, or UnavailableError without matplotlib.
@@ -57,12 +57,12 @@ class Figures:
                 check_window(self._window, trial.name, float(trial.t_us[-1] - trial.t_us[0]) * 1e-6)
         names = ["packets-against-error", "bytes-against-error", "packets-over-optimum"]
         if all(codec.name == "raw" for codec in codecs):
-            names = []  # raw has no error to draw anything against
+            names = []  # raw has no error to use as an axis
         names += [f"signal-{number}-{_stem(trial.name)}" for number, trial in enumerate(trials, start=1)]
         self.files = [folder / f"{name}.{form}" for name in names]
 
     def draw(self, rows: Sequence[Row]) -> list[Path]:
-        """Draw the figures of the rows of the comparison, which are of the same trials, and return their files."""
+        """Draw the figures of the rows of the comparison, all of the same trials, and return their files."""
         single = blocks(rows)
         shown = means(single) or single
         *rates, signals = self.files[: -len(self._trials)], self.files[-len(self._trials) :]
@@ -79,7 +79,7 @@ class Figures:
 
 
 def codec_signal(codec: Codec, trial: Trial, *, loss: float = 0.0, seed: int = 0) -> Signal:
-    """Return what a codec does to a trial over time."""
+    """Return a codec's result on a trial over time."""
     encoding, received = encode_trial(codec, trial, loss=loss, seed=seed)
     return Signal(
         t_s=(trial.t_us - trial.t_us[0]) * 1e-6,
@@ -97,7 +97,7 @@ def _draw_rates(shown: Sequence[Block], file: Path, key: str, label: str, factor
         axes = figure.subplots()
         draw_codecs(axes, _lines(shown, swept, (ERROR, 1.0), (key, factor)))
         for name, dash in OPTIMA.items():
-            # An optimum has no error but what its threshold allows, so it is drawn at the deadband's.
+            # An optimum's error is only bounded by its threshold, so it is drawn at the deadband's.
             line = [
                 (plain.values[ERROR], factor * optimum.values[key])
                 for block in shown
@@ -131,7 +131,7 @@ def _draw_optimum(shown: Sequence[Block], file: Path) -> None:
         ]
         told = "packets over the fewest of any hold"
         if all(len(line) == 1 for line in lines.values()):
-            # At one threshold a row for each codec says more than points above one another.
+            # At one threshold a row for each codec is clearer than stacked points.
             ordered = sorted(lines.items(), key=lambda item: -item[1][0][1])
             for place, (_, [(_, value, _, half_width)]) in enumerate(ordered):
                 axes.errorbar(value, place, xerr=half_width or None, fmt="o", color=BLUE, capsize=2.0)
@@ -174,7 +174,7 @@ def _lines(
 
 
 def _without_raw(shown: Sequence[Block], key: str, factor: float, unit: str) -> str:
-    """Return a line that gives the figures of raw, which is not drawn; "" if it was not compared."""
+    """Return a line with the figures of raw, which is not drawn; "" if it was not compared."""
     values = [factor * line.values[key] for block in shown for line in block.lines if line.codec == "raw"]
     if not values:
         return ""

@@ -50,7 +50,7 @@ class Column:
 
 
 OPTIMUM_MEANING: Final = (
-    "packets over the fewest that any zero-order hold needs that knows the whole recording; codecs that extrapolate can"
+    "packets over the fewest of any zero-order hold that knows the whole recording; codecs that extrapolate can"
     " be below 1; on two and three axes the optimum is a lower bound"
 )
 KEEPALIVES_MEANING: Final = "the same with the keepalives that a session sends while no update is due"
@@ -88,7 +88,7 @@ COLUMNS: Final = (
 
 
 def heading(block: Block, shown: Sequence[Block]) -> str:
-    """Return what a block shows: the recordings, the threshold, and the other settings that are not the same in all."""
+    """Return the description of a block: the recordings, the threshold, and settings that differ between blocks."""
     name = METHOD.format(count=block.recordings) if block.trial is None else block.trial
     settings = block.settings
     parts = [f"threshold {settings.multiplier:g} JND"]

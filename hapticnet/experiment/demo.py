@@ -1,4 +1,4 @@
-"""The paper's four conditions, played by a slave and a master process on loopback, and what came of each."""
+"""The paper's four conditions, played by a slave and a master process on loopback, and their results."""
 
 import json
 import time
@@ -48,7 +48,7 @@ class Played:
     condition: Condition
     slave: dict[str, Any]
     master: dict[str, Any]
-    slave_overload: dict[str, Any]  # how busy the machine was over all conditions
+    slave_overload: dict[str, Any]  # load of the machine over all conditions
     slave_samples: Columns
     master_samples: Columns
 
@@ -69,7 +69,7 @@ def play_conditions(
     """Play the same motion under each condition with a `codec`, but the first, and return what both sides recorded.
 
     On one axis the hand inserts a needle; on several it palpates, and the device renders the magnitude of the force.
-    Recordings and reports go to `folder`. UnavailableError repeats what a process said that cannot do its part.
+    Recordings and reports go to `folder`. UnavailableError repeats the message of a process that failed.
     """
     conditions = conditions_with(codec)
     slave_report = folder / "slave.json"
@@ -185,7 +185,7 @@ def draw_bytes_per_penetration(rows: list[dict[str, Any]], file: Path) -> None:
 def _slave(folder: Path, scene: str, codec: str, report: Path) -> Iterator[str]:
     """Run a slave on a free port and yield its address; its report is written when it ends."""
     arguments = ["slave", "--listen", "127.0.0.1:0", "--scene", scene]
-    arguments += ["--add-codec", split_codec(codec)[0]]  # the slave must know a codec of the user's too
+    arguments += ["--add-codec", split_codec(codec)[0]]  # the slave must know the user's codec too
     slave = Child([*arguments, "--record-dir", str(folder / "slave"), "--report", str(report)])
     try:
         yield slave.address()
@@ -208,7 +208,7 @@ def _play(condition: Condition, arguments: list[str], on_progress: Progress) -> 
 def _played(condition: Condition, folder: Path, report: dict[str, Any]) -> Played:
     session = next((each for each in report["sessions"] if each["master"] == condition.slug), None)
     if session is None:
-        raise UnavailableError(f"the slave has no session of condition {condition.name!r}")
+        raise UnavailableError(f"the slave has no session for condition {condition.name!r}")
     slave_file = folder / "slave" / f"{condition.slug}-{session['session']:08x}.csv"
     return Played(
         condition=condition,
@@ -221,7 +221,7 @@ def _played(condition: Condition, folder: Path, report: dict[str, Any]) -> Playe
 
 
 def _over_a_link(condition: Condition, samples: Columns) -> tuple[ErrorReport, float | None]:
-    """Return what the hand would feel over a link of `DELAY_US` each way, computed from a slave's recording."""
+    """Return the errors of the felt force over a link of `DELAY_US` each way, computed from a slave's recording."""
     trial = Trial(
         name=condition.name,
         t_us=samples["t_us"].astype(np.int64),

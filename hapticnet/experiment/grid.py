@@ -1,4 +1,4 @@
-"""Grids of settings, of ``compare --grid`` and of the axes of a study: their values, and the codecs they stand for."""
+"""Grids of settings, of ``compare --grid`` and of the axes of a study: their values and codecs."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -43,7 +43,7 @@ def parse_grid(texts: Sequence[str]) -> dict[str, list[float]]:
 
 
 def grid_codecs(names: Sequence[str], grid: Mapping[str, Sequence[float]]) -> list[Codec]:
-    """Return the codecs in `names` with every combination of the law and the parameters in a grid; raw comes once.
+    """Return the codecs in `names` with every combination of the law and the parameters in a grid; raw only once.
 
     A parameter applies to the codecs that have it, except where the name itself fixes it; SettingsError if none has it.
     """

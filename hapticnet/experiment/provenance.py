@@ -1,4 +1,4 @@
-"""Where a result comes from: version, date, machine and command, for every file of results."""
+"""The origin of a result: version, date, machine and command, for every file of results."""
 
 import os
 import platform
@@ -42,7 +42,7 @@ def describe_machine() -> dict[str, str | int | None]:
 
 
 def own_version() -> str:
-    """Return the version of hapticnet. The package cannot be asked: it imports the API, which stands above this."""
+    """Return the version of hapticnet. The package cannot be imported here: it imports the API, a higher layer."""
     try:
         return version("hapticnet")
     except PackageNotFoundError:

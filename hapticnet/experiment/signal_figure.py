@@ -37,7 +37,7 @@ class Signal:
 
 
 def check_window(window_s: tuple[float, float], name: str, end_s: float) -> None:
-    """Raise SettingsError unless a stretch from and to a time [s] begins within a recording that ends at `end_s`."""
+    """Raise SettingsError unless a stretch between two times [s] begins within a recording that ends at `end_s`."""
     start_s, stop_s = window_s
     if not 0.0 <= start_s < stop_s < math.inf:
         raise SettingsError(f"window from {start_s:g} to {stop_s:g} s: it must go forward, from 0 s on")
@@ -76,7 +76,7 @@ def fill_figure(figure: Any, signal: Signal, *, window_s: tuple[float, float], t
 
 
 def describe_extract(signal: Signal, window_s: tuple[float, float]) -> str:
-    """Return the words for a title that say which stretch of a signal is shown; "" if it is all of it."""
+    """Return the part of a title that names the stretch of a signal shown; "" if it is all of it."""
     start_s, end_s = float(signal.t_s[0]), float(signal.t_s[-1])
     if window_s[0] <= start_s and window_s[1] >= end_s:
         return ""
@@ -103,7 +103,7 @@ def draw_force(axes: Any, signal: Signal, window_s: tuple[float, float], *, widt
 
 
 def draw_sent(axes: Any, signal: Signal, window_s: tuple[float, float]) -> str:
-    """Draw a tick for each sample that was sent, and return how many these are of all."""
+    """Draw a tick for each sample that was sent, and return their share of all."""
     shown = _shown(signal, window_s)
     sent, lost = (indices[shown[indices]] for indices in (signal.sent, signal.lost))
     axes.vlines(signal.t_s[sent], 0.0, 1.0, color=BLUE, linewidth=0.6)
@@ -161,7 +161,7 @@ def draw_run(slave: Columns, master: Columns, file: Path, *, codec: str) -> None
 
 
 def _windows(signal: Signal, breaches: FloatArray) -> tuple[tuple[float, float], tuple[float, float]]:
-    """Return the first insertion and the time around its last breach [s]; all there is if nothing is breached."""
+    """Return the first insertion and the time around its last breach [s]; everything if nothing is breached."""
     t_s = signal.t_s
     touching, through = np.flatnonzero(signal.true_n.any(axis=1)), np.flatnonzero(breaches >= TISSUES)
     start_s = max(t_s[touching[0]] - MARGIN_S, 0.0) if len(touching) else 0.0

@@ -44,7 +44,7 @@ Points = Sequence[tuple[float, ...]]  # points (x, y), or (x, y, half width of x
 
 def pyplot() -> Any:
     """Return matplotlib's pyplot, drawing to files only; an UnavailableError says what to install."""
-    os.environ["MPLBACKEND"] = "Agg"  # matplotlib refuses to be imported with one that it does not know
+    os.environ["MPLBACKEND"] = "Agg"  # matplotlib refuses to be imported with an unknown backend
     try:
         import matplotlib as mpl
     except ImportError as error:
@@ -74,8 +74,8 @@ def picture(file: Path, height_in: float, *, width_in: float = PRINT_WIDTH_IN, *
             yield figure
             _declare_logs(figure)
             for text in figure.findobj(Text):
-                if "$" in text.get_text() and "\\mathdefault" not in text.get_text():  # which numbers at axes have
-                    text.set_parse_math(False)  # a name from a file, which may be no formula
+                if "$" in text.get_text() and "\\mathdefault" not in text.get_text():  # used by the numbers of axes
+                    text.set_parse_math(False)  # a name from a file, which must not be read as a formula
             # No date in the file: the same figure gives the same file.
             metadata = {"pdf": {"CreationDate": None}, "svg": {"Date": None}}.get(file.suffix[1:])
             with replacing_bytes(file, follow=False) as stream:
@@ -90,7 +90,7 @@ def legend(owner: Any, *axes: Any, below: bool = True, ncols: int = 4, **options
     for each in axes:
         for handle, label in zip(*each.get_legend_handles_labels(), strict=True):
             handles.setdefault(label, handle)
-    # What is drawn with error bars first, in its order: matplotlib names plain lines before.
+    # Lines with error bars first, in their order: matplotlib lists plain lines before them.
     ordered = sorted(handles.items(), key=lambda item: not hasattr(item[1], "has_yerr"))
     if handles:
         columns = min(ncols, len(handles)) if below else 1
@@ -101,7 +101,7 @@ def legend(owner: Any, *axes: Any, below: bool = True, ncols: int = 4, **options
 
 
 def legend_above(axes: Any) -> None:
-    """Put the legend of axes that stand among others above them, at the right."""
+    """Put the legend of one of several axes above them, at the right."""
     columns = len(axes.get_legend_handles_labels()[1])
     axes.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), borderaxespad=0.1, ncols=columns)
 
@@ -147,7 +147,7 @@ def draw_codecs(axes: Any, lines: Mapping[str, Points], *, highlight: str | None
 
 
 def finish_axes(*panels: Any, across: str = "linear") -> None:
-    """Give axes that are read together the same scales, and plain numbers.
+    """Give related axes the same scales, and plain numbers.
 
     The upward scale is logarithmic where the figures span a factor of `LOG_SPAN`, else it begins at 0.
     """
@@ -161,7 +161,7 @@ def finish_axes(*panels: Any, across: str = "linear") -> None:
             _make_log(axes.yaxis, axes.set_yscale)
         else:
             axes.set_ylim(bottom=0.0)
-        # A logarithmic axis has no place for figures that are all zero, as is the error on a constant force.
+        # A logarithmic axis cannot show figures that are all zero, like the error on a constant force.
         if across == "log" and values[0]:
             _make_log(axes.xaxis, axes.set_xscale)
 

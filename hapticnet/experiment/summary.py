@@ -17,7 +17,7 @@ METHOD: Final = "mean ± half width of the 95 % interval of Student's t over {co
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Settings:
-    """What the codecs of a block have in common, apart from the recording; see `comparison.Row`."""
+    """The common settings of the codecs in a block, apart from the recording; see `comparison.Row`."""
 
     multiplier: float
     weber_fraction: float
@@ -114,7 +114,7 @@ def _line(row: Row) -> Line:
 
 
 def _optima(row: Row) -> list[Line]:
-    """Return the optima of a block, whose limits are the same in all rows."""
+    """Return the optima of a block, which are the same in all rows."""
     seconds = row.cost.sent / row.packets_per_s if row.cost.sent else math.inf
     return [
         Line(

@@ -11,7 +11,7 @@ from typing import Any, Final
 from hapticnet.errors import visible
 
 UNKNOWN: Final = "–"
-WIDEST: Final = 1000  # characters of a line that is not read on a terminal: more than any table needs
+WIDEST: Final = 1000  # characters of a line outside of a terminal: more than any table needs
 LATEX_PACKAGES: Final = "% Needs \\usepackage{adjustbox} and \\usepackage{booktabs}."
 
 _IN_LATEX: Final = str.maketrans(
@@ -36,7 +36,7 @@ def line_width() -> int:
 
 
 def print_table(head: Sequence[str], rows: Sequence[Sequence[str]], *, width: int | None = None, left: int = 1) -> None:
-    """Print a table on stdout; what would speak to a terminal becomes "?". A cell may have several lines.
+    """Print a table on stdout; control characters become "?". A cell may have several lines.
 
     Columns that do not fit in `width` follow in further tables, each with the first `left` columns. No number is cut.
     """
@@ -75,7 +75,7 @@ def csv_text(head: Sequence[str], rows: Iterable[Sequence[Any]], comments: Itera
 
 
 def latex_table(head: Sequence[str], rows: Sequence[Sequence[str]], *, space_before: int | None = None) -> list[str]:
-    """Return a table with booktabs no wider than the page; another group begins at row `space_before`."""
+    """Return a table with booktabs no wider than the page; a new group begins at row `space_before`."""
     lines = [f"{' & '.join(map(latex_text, cells))} \\\\" for cells in rows]
     if space_before is not None:
         lines.insert(space_before, "\\addlinespace")

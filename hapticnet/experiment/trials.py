@@ -66,7 +66,7 @@ class Trial:
 
 
 def scene_trial(scene: Touchable, hand: Operator, *, name: str, rate_hz: float = 1000.0) -> Trial:
-    """Return a trial on a perfect channel; SettingsError if hand and scene do not fit, SampleError as the scene."""
+    """Return a trial on a perfect channel; SettingsError if hand and scene do not match, SampleError like the scene."""
     duration_us = LONGEST_US if hand.duration_us is None else min(hand.duration_us, LONGEST_US)
     check_above("rate", rate_hz, 1e6 / max(duration_us, 1), 1e6, "Hz")
     # The session starts at 0, and the first position is sent a period later.
@@ -85,7 +85,7 @@ def scene_trial(scene: Touchable, hand: Operator, *, name: str, rate_hz: float =
 def paper_trial(
     seed: int, rate_hz: float = 1000.0, *, insertions: int | None = None, motion: InsertionSettings = DEFAULT_MOTION
 ) -> Trial:
-    """Return a trial of scripted insertions into the paper's scene; `seed` is of the tissues' order and the hand."""
+    """Return a trial of scripted insertions into the paper's scene; `seed` determines order of tissues and hand."""
     if insertions is not None:
         motion = replace(motion, insertions=insertions)
     scene = Scene(paper_scene(seed).tissues)
@@ -95,7 +95,7 @@ def paper_trial(
 
 
 def placed(positions: FloatArray, start: str | None) -> FloatArray:
-    """Return positions [m], shape (n, a), moved so that the first is at `start` (X[,Y[,Z]]); None: unchanged."""
+    """Return positions [m], shape (n, a), shifted so that the first is at `start` (X[,Y[,Z]]); None: unchanged."""
     if start is None:
         return positions
     try:

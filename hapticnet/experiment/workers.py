@@ -1,4 +1,4 @@
-"""The one pool of worker processes: items go in, results come out, and a killed process costs one item only."""
+"""The one pool of worker processes: items go in, results come out, and a killed process costs only one item."""
 
 import multiprocessing
 import os
@@ -24,12 +24,12 @@ if TYPE_CHECKING:
 MOST_JOBS: Final = 256
 PARENT_CHECK_S: Final = 0.5
 IN_HAND: Final = 2  # items that a worker has: the one it computes, and the next, so that it never waits
-Function: TypeAlias = Callable[[Any, Any], Any]  # called with what all calls share, and an item
-OrderedMap: TypeAlias = Callable[[Function, Iterable[Any]], Iterator[Any]]  # the same over items, in their order
+Function: TypeAlias = Callable[[Any, Any], Any]  # called with the shared data and an item
+OrderedMap: TypeAlias = Callable[[Function, Iterable[Any]], Iterator[Any]]  # the same over items, in order
 
 
 class Outcome(NamedTuple):
-    """What became of an item: its value, or the error of its function; `EndedError` if its process ended."""
+    """The outcome of an item: its value, or the error of its function; `EndedError` if its process ended."""
 
     item: Any
     value: Any
@@ -37,7 +37,7 @@ class Outcome(NamedTuple):
 
 
 class EndedError(UnavailableError):
-    """A worker process was killed, or ended itself, while it computed an item; `final` if it was tried often enough."""
+    """A worker process was killed, or ended itself, while it computed an item; `final` if no tries are left."""
 
     def __init__(self, text: str, *, final: bool = False) -> None:
         super().__init__(text)
@@ -47,7 +47,7 @@ class EndedError(UnavailableError):
 class Pool:
     """Processes that compute `function(shared, item)`. A process that ends is replaced when there is work for it.
 
-    With the method "fork", `shared` need not be picklable; "spawn" may also be used beside other threads.
+    With the method "fork", `shared` does not have to be picklable; "spawn" may also be used beside other threads.
     """
 
     def __init__(self, jobs: int, function: Function, shared: Any, *, method: str) -> None:
@@ -57,26 +57,26 @@ class Pool:
 
     @property
     def in_hand(self) -> int:
-        """Number of items that were given and have no outcome yet."""
+        """Number of submitted items without an outcome yet."""
         return sum(len(worker.items) for worker in self._workers)
 
     @property
     def room(self) -> int:
-        """How many more items it should be given now."""
+        """Number of further items to submit now."""
         return IN_HAND * self.workers - self.in_hand
 
     def submit(self, item: Any) -> None:
-        """Let the process that has least compute an item."""
+        """Let the least busy process compute an item."""
         min(self._workers, key=lambda worker: len(worker.items)).submit(item)
 
     def outcomes(self, timeout_s: float | None = None) -> list[Outcome]:
-        """Wait until something is finished, at most so long, and return it."""
+        """Wait until something is finished, at most this long, and return it."""
         busy = {worker.connection: worker for worker in self._workers if worker.items}
         ready = wait(list(busy), timeout_s) if busy else []
         return [busy[connection].receive() for connection in ready if isinstance(connection, Connection)]
 
     def drop_waiting(self) -> None:
-        """Forget the items that no process computes yet. A process may begin with one before it is ended."""
+        """Forget the items that no process computes yet. A process may still begin one before it is ended."""
         for worker in self._workers:
             while len(worker.items) > 1:
                 worker.items.pop()
@@ -114,7 +114,7 @@ class _Worker:
             outcome = Outcome(self.items.popleft(), None, EndedError(reason))
             self._restart()
             return outcome
-        except Exception as problem:  # an error of the user's that cannot be unpickled
+        except Exception as problem:  # a user's error that cannot be unpickled
             value, error = None, problem
         return Outcome(self.items.popleft(), value, error)
 
@@ -135,7 +135,7 @@ class _Worker:
 
     def _start(self) -> None:
         self.connection, there = self._context.Pipe()
-        with safe_path(), _sigint_blocked():  # the process inherits it: Ctrl-C is for this one
+        with safe_path(), _sigint_blocked():  # the child inherits it: Ctrl-C is for this process
             make: Any = self._context
             self._process = make.Process(target=_serve, args=(there, *self._call, os.getpid()))
             self._process.start()
@@ -162,7 +162,7 @@ def _serve(connection: Connection, function: Function, shared: Any, parent: int)
 
 
 def end_with_parent(parent: int) -> None:
-    """End this process when the process with this number is no longer its parent; a killed parent cannot tell."""
+    """End this process when the process with this number is no longer its parent; a killed parent cannot end it."""
 
     def watch() -> None:
         while os.getppid() == parent:
@@ -176,7 +176,7 @@ def end_with_parent(parent: int) -> None:
 def workers(jobs: int, shared: Any) -> Iterator[OrderedMap]:
     """Yield an `OrderedMap` that runs in `jobs` processes; with 1 lazily in this one. Or `EndedError`.
 
-    On Linux the processes are forked, so `shared` need not be picklable: so the user's codecs get there.
+    On Linux the processes are forked, so `shared` may hold objects that cannot be pickled, such as users' codecs.
     """
     if jobs == 1:
         yield lambda function, items: map(partial(function, shared), items)
@@ -184,7 +184,7 @@ def workers(jobs: int, shared: Any) -> Iterator[OrderedMap]:
     pool = Pool(jobs, _call, shared, method="fork" if sys.platform == "linux" else "spawn")
     try:
         yield partial(_in_order, pool)
-    finally:  # also at Ctrl-C: what the processes compute then is of no use any more
+    finally:  # also at Ctrl-C: later results of the processes are useless
         pool.close()
 
 

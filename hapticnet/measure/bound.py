@@ -31,7 +31,7 @@ With u = 2⁻⁵³, a rounded ``|x − r| ≤ max(κ·|r|, φ)`` implies ``|x �
 is a denormal number), which is less than a threshold 1 + 4u times as large.
 """
 
-ROUNDINGS: Final = 2.0**-48  # bound of the relative error of a norm and what is computed from it: ten roundings
+ROUNDINGS: Final = 2.0**-48  # bound of the relative error of a norm and of derived values: ten roundings
 UNSEEN_N: Final = 1e-150  # differences [N] in one of several axes whose squares may be rounded to zero in a norm
 
 

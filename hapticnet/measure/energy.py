@@ -1,9 +1,9 @@
-"""Energy at the master's port: what the hand puts in, and what a codec, a delay or a loss creates.
+"""Energy at the master's port: energy that the hand puts in, and that a codec, a delay or a loss creates.
 
 A port is passive if no more energy comes out of it than went in, whatever the hand does. The passivity observer of
 Hannaford and Ryu, "Time-domain passivity control of haptic interfaces" (2002), sums force times motion and finds a port
-active when the sum falls below zero. One sum over a whole recording hides much: a breach that takes up energy pays for
-all that is created later. Here every contact has an account of its own, which begins at zero.
+active when the sum falls below zero. One sum over a whole recording hides much: a breach that absorbs energy pays for
+all energy created later. Here every contact has its own account, which begins at zero.
 """
 
 from dataclasses import dataclass
@@ -24,14 +24,14 @@ class EnergyReport:
     """
 
     put_in_j: float
-    """Work that the hand would do against the true force: the sum of the samples at which it does any."""
+    """Work that the hand would do against the true force: the sum over the samples at which it is positive."""
     created_j: float
-    """Energy that the applied force creates in comparison with the true one: in each contact, the most by which the
-    hand is ahead (it had to put in less, or got more back), summed over the contacts."""
+    """Energy that the applied force creates compared with the true one: in each contact, the largest advantage of the
+    hand (it had to put in less, or got more back), summed over the contacts."""
     active_j: float
     """Energy that comes out of the port beyond what went in: in each contact the lowest value of the passivity
-    observer, ``−min Σ F̂·Δx``, where that is negative, summed. A true force that is held from sample to sample is a
-    little active itself."""
+    observer, ``−min Σ F̂·Δx``, where that is negative, summed. A true force held from sample to sample is itself
+    slightly active."""
 
     @property
     def created_share(self) -> float:
@@ -47,7 +47,7 @@ class EnergyReport:
 def energy_report(law: WeberLaw, true: FloatArray, applied: FloatArray, positions: FloatArray) -> EnergyReport:
     """Account for the energy of applied forces [N], positive when they push the tool out, shape (n, a).
 
-    Positions [m] increase inward. The floor of the law tells contact from noise.
+    Positions [m] increase inward. The floor of the law separates contact from noise.
     """
     moves = np.diff(positions, axis=0)
     asked_j = np.sum(true[:-1] * moves, axis=1)

@@ -1,4 +1,4 @@
-"""Error of the applied stimuli against the true ones, sample by sample. `measure.metrics` has it for recordings."""
+"""Error of the applied stimuli against the true ones, sample by sample. `measure.metrics` is for recordings."""
 
 import math
 
@@ -9,7 +9,7 @@ from hapticnet.vectors import magnitude
 
 
 class RunningError:
-    """An account in constant memory."""
+    """Running errors in constant memory."""
 
     __slots__ = ("_exceeded", "_floor_n", "_largest", "_squares", "_weber_fraction", "samples")
 
@@ -27,12 +27,12 @@ class RunningError:
             error, size = abs(true[0] - applied[0]), abs(applied[0])
         else:
             error, size = magnitude(tuple(x - y for x, y in zip(true, applied, strict=True))), magnitude(applied)
-        if not error:  # nothing below changes then
+        if not error:  # the rest does not change then
             return
         self._squares += error * error
         if error > self._largest:
             self._largest = error
-        if error > self._floor_n and error > self._weber_fraction * size:  # as `jnd_n`, without a call
+        if error > self._floor_n and error > self._weber_fraction * size:  # `jnd_n` inlined
             self._exceeded += 1
 
     def report(self) -> ErrorReport:

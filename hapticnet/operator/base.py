@@ -1,4 +1,4 @@
-"""What moves the tool: the interface of an operator, and objects of users behind it."""
+"""The interface of an operator, which moves the tool, and users' objects behind it."""
 
 from collections.abc import Callable, Sequence
 from typing import Any, Protocol
@@ -11,7 +11,7 @@ from hapticnet.user_code import attribute_of, axes_of, failure, method_of, vecto
 class Operator(Protocol):
     """A source of tool positions: a script, a recording, a person, or a program.
 
-    An operator that is to know the force also defines ``feel(t_us: int, force_n: Vector) -> None``. It is called in
+    An operator that needs the force also defines ``feel(t_us: int, force_n: Vector) -> None``. It is called in
     every tick before `sample`, with the held force [N] of all axes.
     """
 
@@ -28,7 +28,7 @@ class Operator(Protocol):
 
 
 class HasSample(Protocol):
-    """What a user's object must have to move the tool; see `UserOperator` for what it may have besides."""
+    """Required method of a user's object that moves the tool; see `UserOperator` for optional members."""
 
     def sample(self, t_us: int, /) -> PositionSample | float | Sequence[float]:
         """Return the position [m] of the tool at a time [µs] since the start. It must not wait."""
@@ -63,7 +63,7 @@ class UserOperator:
         self.duration_us = duration_us
 
     def sample(self, t_us: int) -> PositionSample:
-        """Return the position at a time [µs]; UserCodeError if the object raises, or returns no such position."""
+        """Return the position at a time [µs]; UserCodeError if the object raises, or returns an invalid position."""
         try:
             result = self._hand_sample(t_us)
             if type(result) is PositionSample:

@@ -1,6 +1,6 @@
 """A person's hand: positions that arrive irregularly, made into a smooth motion of bounded speed.
 
-A pointer moves in steps, about 60 a second. Sent as they are, the steps would be felt as a vibration that is not there:
+A pointer moves in steps, about 60 a second. Sent unchanged, the steps would be felt as a vibration:
 at 40 mm/s in a tissue of 500 N/m, 0.3 N each. The needle therefore follows the hand like a critically damped
 mass on a spring: x'' = (target − x)/τ² − 2·x'/τ, solved exactly for each tick. It trails a hand that moves at constant
 speed by 2τ and never overshoots.
@@ -16,7 +16,7 @@ from hapticnet.errors import SampleError, SettingsError
 from hapticnet.samples import PositionSample
 
 LONGEST_STEP_US: Final = 20_000
-"""Longest time [µs] by which one sample advances the needle; after a pause it goes on from where it was."""
+"""Longest time [µs] by which one sample advances the needle; after a pause it continues from its last position."""
 
 AT_REST_M: Final = 10e-6
 """Distance [m] from its rest position within which a needle that is withdrawn counts as at rest."""
@@ -25,17 +25,17 @@ AT_REST_M: Final = 10e-6
 class HandState(enum.IntEnum):
     """What the hand is doing."""
 
-    FREE = 0  # nobody has it; the needle is at rest
-    LIVE = 1  # the needle follows the person who has it
+    FREE = 0  # nobody holds it; the needle is at rest
+    LIVE = 1  # the needle follows the person who holds it
     HOLDING = 2  # that person fell silent; the needle stops where it is
-    WITHDRAWING = 3  # nobody has it; the needle is on its way to its rest position
+    WITHDRAWING = 3  # nobody holds it; the needle is returning to its rest position
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LiveHandSettings:
     """How the needle follows a hand."""
 
-    rest_m: float = 0.0  # position [m] of the needle while nobody has the hand
+    rest_m: float = 0.0  # position [m] of the needle while nobody holds the hand
     deepest_m: float = 0.1
     # τ of the follower [µs]; the needle is 2τ late. The default lets 1 % of a 60 Hz staircase through.
     time_constant_us: int = 25_000
@@ -64,7 +64,7 @@ class LiveHand:
     """An operator whose positions come from a person.
 
     `take`, `move` and `release` may be called at any time between two samples; they need no clock, because the next
-    sample tells the time.
+    sample gives the time.
     """
 
     __slots__ = (
@@ -87,7 +87,7 @@ class LiveHand:
         self._moved = False
 
     def set_range(self, rest_m: float, deepest_m: float) -> None:
-        """Set where the needle may be; SettingsError if that is empty. The needle moves there at its usual speed."""
+        """Set the range of the needle; SettingsError if it is empty. The needle moves there at its usual speed."""
         if not (math.isfinite(rest_m) and math.isfinite(deepest_m) and rest_m < deepest_m):
             raise SettingsError(f"the hand's range is {rest_m} to {deepest_m} m; it must not be empty")
         self.range_m = (rest_m, deepest_m)
@@ -97,9 +97,9 @@ class LiveHand:
             self._target_m = min(max(self._target_m, rest_m), deepest_m)
 
     def restart(self, rest_m: float, deepest_m: float) -> None:
-        """Put the needle at rest at once, for a scene that begins anew, with the range as for `set_range`.
+        """Put the needle at rest at once, for a restarted scene, with the range as for `set_range`.
 
-        The time of the next sample may begin again.
+        The time of the next sample may restart.
         """
         self.set_range(rest_m, deepest_m)
         self.state = HandState.FREE
@@ -109,13 +109,13 @@ class LiveHand:
         self._moved = False
 
     def take(self) -> None:
-        """Follow a person from now on, from where the needle is."""
+        """Begin to follow a person from the needle's position."""
         self._target_m = self._stop_m()
         self.state = HandState.LIVE
         self._moved = True
 
     def move(self, position_m: float) -> None:
-        """Set where the hand is [m], limited to the range, if somebody has taken it; SampleError if it is NaN."""
+        """Set the hand's position [m], limited to the range, if somebody holds it; SampleError if it is NaN."""
         if math.isnan(position_m):
             raise SampleError("the position of the hand is NaN; it must be a number")
         if self.state is HandState.LIVE or self.state is HandState.HOLDING:
@@ -125,7 +125,7 @@ class LiveHand:
             self._moved = True
 
     def release(self) -> None:
-        """Withdraw the needle to its rest position; the hand is free."""
+        """Withdraw the needle to its rest position, and free the hand."""
         self._target_m = self.range_m[0]
         self.state = HandState.WITHDRAWING
 
@@ -143,7 +143,7 @@ class LiveHand:
         return PositionSample(t_us, (self.position_m,))
 
     def _watch(self, silent_us: int) -> None:
-        """Hold, and later withdraw, if the person has been silent for so long."""
+        """Hold, and later withdraw, if the person has been silent for long enough."""
         if silent_us > self.settings.withdraw_after_us:
             self.release()
         elif silent_us > self.settings.hold_after_us and self.state is HandState.LIVE:

@@ -23,7 +23,7 @@ POSITION: Final = "position_m"
 
 
 class Form(NamedTuple):
-    """How a datagram is written."""
+    """The form of a datagram."""
 
     text: str
     is_json: bool
@@ -37,7 +37,7 @@ JSON_OBJECT: Final = Form("JSON object", True, True)
 
 
 def read_position(data: bytes, axes: int) -> tuple[Form, Vector]:
-    """Return form and position [m] of a datagram; PeerError if it is no position with so many coordinates."""
+    """Return form and position [m] of a datagram; PeerError if it is not a position with this many coordinates."""
     if len(data) > MOST_BYTES:
         raise PeerError(f"a datagram of {len(data)} bytes; a position has at most {MOST_BYTES}")
     is_json = data.startswith((b"{", b"["))
@@ -67,7 +67,7 @@ def read_position(data: bytes, axes: int) -> tuple[Form, Vector]:
 
 
 def write_force(form: Form, force_n: Vector, position_m: Vector, t_us: int) -> bytes:
-    """Return the answer to a position: the force [N] on all axes; a map also tells where the tool is [m], and when."""
+    """Return the answer to a position: the force [N] on all axes; a map also has position [m] and time of the tool."""
     answer: Any = {"force_n": force_n, POSITION: position_m, "t_us": t_us} if form.is_map else force_n
     if form.is_json:
         return json.dumps(answer).encode()
@@ -95,7 +95,7 @@ class RemoteOperator:
     """Follow the positions of one sender at a time; answer each with the force. Satisfies `operator.base.Operator`.
 
     The tool is where the newest position says, without smoothing. Before the first position it rests at 0, and when
-    none comes any more it stays where it is. After `WITHDRAW_AFTER_US` it moves back along the first axis to 0, at
+    none arrives any more it stays there. After `WITHDRAW_AFTER_US` it moves back along the first axis to 0, at
     `APPROACH_M_S`; at the same speed it moves to the first position of a sender and to the first one after a silence.
     """
 
@@ -104,7 +104,7 @@ class RemoteOperator:
     def __init__(self, axes: int = 1) -> None:
         check_integer("axes of the operator", axes, 1, MAX_AXES)
         self.axes = axes
-        # Datagrams that were positions, that were not, and that came while another sender moved the tool; withdrawals
+        # Counts: datagrams with positions, without, and from a sender other than the one in control; withdrawals
         # because the sender was silent; forces sent back
         self.positions = self.malformed = self.unknown_peers = self.silences = self.answers = 0
         self._sender: Hashable = None
@@ -179,7 +179,7 @@ class RemoteOperator:
         return self._lines.popleft() if self._lines else None
 
     def report(self) -> dict[str, int]:
-        """Return the account of this operator for JSON."""
+        """Return the report of this operator for JSON."""
         names = "positions", "malformed", "unknown_peers", "silences", "answers"
         return {name: getattr(self, name) for name in names}
 
@@ -191,7 +191,7 @@ class RemoteOperator:
             self._lines.append(f"no positions for {WITHDRAW_AFTER_US / 1e6:g} s; the tool is withdrawn")
 
     def _approach(self, step_m: float) -> None:
-        """Move by at most `step_m` on each axis: out of the tissue, or to where the sender is."""
+        """Move by at most `step_m` on each axis: out of the tissue, or to the sender's position."""
         goal_m = (min(0.0, self._at_m[0]), *self._at_m[1:]) if self._withdrawing else self._goal_m
         self._at_m = tuple(
             [x + min(max(goal - x, -step_m), step_m) for x, goal in zip(self._at_m, goal_m, strict=True)]

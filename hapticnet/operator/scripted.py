@@ -158,7 +158,7 @@ def tremor_waves(rng: np.random.Generator) -> tuple[tuple[float, float], ...]:
 
 
 PHANTOM_SURFACE_M = (0.020, 0.0, 0.0)
-PHANTOM_INWARD = (0.95, 0.25, -0.15)  # the surface of the scene ``phantom``, which the default motion is made for
+PHANTOM_INWARD = (0.95, 0.25, -0.15)  # the surface of the scene ``phantom``, for which the default motion is made
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -167,7 +167,7 @@ class PalpationSettings:
 
     The finger comes from outside to a point above the surface, presses, slides along the surface in several strokes,
     with a pause at each turn, and lifts. Press, strokes and directions differ from palpation to palpation. On two axes
-    the first two coordinates count. The durations are assumptions.
+    only the first two coordinates count. The durations are assumptions.
     """
 
     axes: int = 3  # 2 or 3
@@ -207,7 +207,7 @@ class PalpationSettings:
 
 
 class PalpatingOperator:
-    """Scripted palpation: minimum-jerk movements, pauses and tremor, as `operator.scripted.ScriptedOperator` has."""
+    """Scripted palpation: minimum-jerk movements, pauses and tremor, like `operator.scripted.ScriptedOperator`."""
 
     __slots__ = ("_amplitude_m", "_ends_us", "_phases", "_rest", "_waves", "axes", "duration_us")
 
@@ -256,7 +256,7 @@ def _palpation(
     phases = [(settings.press_s * slowness, down_m), (settings.press_s * slowness, down_m + below_m)]
     phases.append((settings.pause_s * pauses[0], phases[-1][1]))
     for way, pause in zip(ways, pauses[1:], strict=False):
-        # To the beginning of the stroke if it is elsewhere, and through it.
+        # To the beginning of the stroke if not there yet, and through it.
         for stop_m in (start_m - way + below_m, start_m + way + below_m):
             if not np.array_equal(stop_m, phases[-1][1]):
                 phases.append((settings.stroke_s * slowness, stop_m))
@@ -274,7 +274,7 @@ def _along_surface(inward: FloatArray, rng: np.random.Generator) -> FloatArray:
 
 
 def scripted_hand(axes: int, times: int, rng: np.random.Generator) -> ScriptedOperator | PalpatingOperator:
-    """Return a hand with the default motion that inserts or palpates so many times."""
+    """Return a hand with the default motion that inserts or palpates this many times."""
     if axes == 1:
         return ScriptedOperator(InsertionSettings(insertions=times), rng)
     return PalpatingOperator(PalpationSettings(axes=axes, palpations=times), rng)

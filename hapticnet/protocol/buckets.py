@@ -1,4 +1,4 @@
-"""A limit of how often something happens. It imports nothing: the log of every command uses it."""
+"""A rate limit. It imports nothing, because the log of every command uses it."""
 
 import math
 
@@ -12,7 +12,7 @@ class TokenBucket:
         self._full_us = -math.inf  # when the bucket is full again
 
     def take(self, now_us: int) -> bool:
-        """Take a token; return whether there was one."""
+        """Take a token; return whether one was available."""
         full_us = (self._full_us if self._full_us > now_us else now_us) + self._each_us
         if full_us - now_us > self._empty_us:
             if full_us - now_us > self._empty_us + self._each_us + 1.0:  # the clock went back: begin again, empty

@@ -1,8 +1,8 @@
-"""How a session begins: open ones (version 1) and sealed ones (version 2).
+"""The start of open (version 1) and sealed (version 2) sessions.
 
 The master makes an `Attempt` for each session it asks for; the slave has a `Door` for each version it serves. An open
-attempt sends its request as it is, a sealed one in the first message of a Noise handshake, and the answer comes back in
-the second. `Asking` repeats the HELLO of an attempt, with the cookie and ever more slowly, until there is an answer.
+attempt sends its request unencrypted, a sealed one in the first message of a Noise handshake, and the answer is in
+the second. `Asking` repeats the HELLO of an attempt, with the cookie and at growing intervals, until an answer comes.
 """
 
 import functools
@@ -43,8 +43,8 @@ def hello_mac(slave_public: bytes, nonce: int, sequence: int, noise1: bytes) -> 
     """Return the code of a sealed HELLO: `MAC_BYTES` bytes of keyed BLAKE2s (RFC 7693).
 
     It shows that the sender knows the slave's public key. Checking it takes one hash, computing a shared secret over a
-    hundred times as long. A slave therefore drops a HELLO of the wrong code before anything else, and does not answer
-    those who scan for it.
+    hundred times as long. A slave therefore drops a HELLO with a wrong code before anything else, and does not answer
+    scanners.
     """
     key = _mac_key(slave_public)
     return hashlib.blake2s(_numbers(nonce, sequence) + noise1, key=key, digest_size=MAC_BYTES).digest()
@@ -61,12 +61,12 @@ def _mac_key(slave_public: bytes) -> bytes:
 
 
 def prologue(nonce: int, sequence: int) -> bytes:
-    """Return what both sides must agree on before the key exchange: the readable parts of the HELLO."""
+    """Return the data that both sides must share before the key exchange: the readable parts of the HELLO."""
     return b"hapticnet 2" + nonce.to_bytes(4, "big") + sequence.to_bytes(4, "big")
 
 
 class Attempt:
-    """A master's attempt to get an open session. `nonce` tells the answers to this attempt from all others."""
+    """A master's attempt to get an open session. `nonce` distinguishes the answers to this attempt from all others."""
 
     def __init__(self, request: Request, nonce: int, sequence: int) -> None:
         self.version = OPEN
@@ -80,7 +80,7 @@ class Attempt:
         return pack_hello(Hello(self.nonce, cookie, self._request, self._mac), self._sequence, self.version)
 
     def read(self, grant: bytes) -> tuple[Grant | Refusal, Seal | None]:
-        """Return what a WELCOME grants, and the seal of the session; raise PeerError if it is not proved."""
+        """Return the grant in a WELCOME, and the seal of the session; raise PeerError if it is not proved."""
         return unpack_grant(grant), None
 
 
@@ -96,14 +96,14 @@ class SealedAttempt(Attempt):
         self._mac = hello_mac(key.peer, nonce, sequence, self._request)
 
     def read(self, grant: bytes) -> tuple[Grant | Refusal, Seal | None]:
-        """Return what a WELCOME grants, and the seal; raise PeerError unless the slave's key made it."""
+        """Return the grant in a WELCOME, and the seal; raise PeerError unless the slave's key made it."""
         try:
             payload, keys = self._initiator.read(grant)
             answer = unpack_grant_or_refusal(payload)
         except PeerError:
             if not self._has_psk:
                 raise
-            # A slave that does not know a key knows no pre-shared key of it, and can only refuse.
+            # A slave that does not know a key has no pre-shared key for it, and can only refuse.
             payload, keys = self._initiator.read(grant, NO_PSK)
             answer = unpack_grant_or_refusal(payload)
             if isinstance(answer, Grant):
@@ -116,11 +116,11 @@ class Visitor(NamedTuple):
 
     request: Request
     public: bytes | None  # its public key, in the list of masters or not; None: open session
-    entry: MasterEntry | None  # who it is, according to the list of masters; None: not listed, or open session
+    entry: MasterEntry | None  # its entry in the list of masters; None: not listed, or open session
     responder: Responder | None  # the key exchange under way; None: open session
 
     def answer(self, payload: Grant | Refusal) -> tuple[bytes, Seal | None]:
-        """Return a grant or refusal as a WELCOME carries it, and the seal of the session."""
+        """Return a grant or refusal in the form of a WELCOME, and the seal of the session."""
         packed = pack_body(payload)
         if self.responder is None:
             return packed, None
@@ -141,7 +141,7 @@ class Door:
 
 
 class SealedDoor(Door):
-    """How a slave reads the HELLOs of sealed sessions. Assign another `roster` to change whom it serves."""
+    """How a slave reads the HELLOs of sealed sessions. Assign another `roster` to change the served masters."""
 
     def __init__(self, private: bytes, roster: Roster, rng: Entropy) -> None:
         self.roster = roster
@@ -160,7 +160,7 @@ class SealedDoor(Door):
         return Visitor(unpack_request(payload), public, self.roster.find(public), responder)
 
 
-GROWTH: Final = 1.25  # by how much each interval is longer than the last while HELLOs back off
+GROWTH: Final = 1.25  # growth of each interval while HELLOs back off
 FRESH_AFTER_US: Final = 4_000_000
 """Time [µs] after the first cookie of an attempt after which an unanswered attempt is replaced by a new one. The slave
 reads each request once, so repeating one does not help if the slave has forgotten the session."""
@@ -175,7 +175,7 @@ class Granted(NamedTuple):
 
 
 class Asking:
-    """Ask for a session, one attempt at a time. `under_way` tells whether one is being asked for."""
+    """Ask for a session, one attempt at a time. `under_way` says whether one is in progress."""
 
     def __init__(self, request: Request, settings: SessionSettings, rng: Entropy, key: MasterKey | None) -> None:
         self.under_way = False
@@ -193,7 +193,7 @@ class Asking:
         self._wait_us = settings.refused_retry_us
 
     def begin(self, ticket: bytes | None) -> None:
-        """Ask for a session that goes on with the scene of `ticket`; does nothing if one is being asked for."""
+        """Ask for a session that continues the scene of `ticket`; do nothing if an attempt is in progress."""
         if self.under_way:
             return
         self.under_way = True
@@ -202,7 +202,7 @@ class Asking:
         self._interval_us = self._settings.hello_interval_us
 
     def ask_for(self, request: Request) -> Request:
-        """Ask for another session from now on; return what was asked for before. Answers to earlier HELLOs are void."""
+        """Ask for another session from now on; return the previous request. Ignore answers to earlier HELLOs."""
         before, self._request = self._request, request._replace(ticket=self._request.ticket)
         self._attempt = None
         self._tried_us = None
@@ -217,7 +217,7 @@ class Asking:
         """Return the HELLO to send now, if it is time for one."""
         if not self.under_way:
             return None
-        # A clock that went back does not tell how long it has been.
+        # If the clock went back, the elapsed time is unknown.
         if self._tried_us is not None and 0 <= now_us - self._tried_us < self._interval_us:
             return None
         attempt = self._attempt
@@ -273,11 +273,11 @@ class Asking:
             return Refusal(0, refuse.reason, refuse.code)
         if self._hinted:
             return None
-        self._hinted = True  # report one per attempt: a thousand are as easy to forge
+        self._hinted = True  # report only one per attempt, because a thousand are as easy to forge
         return Hinted(refuse.reason)
 
     def _check(self, grant: Grant) -> None:
-        """Raise PeerError if a grant holds what was not asked for: raw positions, for instance, are a choice."""
+        """Raise PeerError if a grant contains something not requested: raw positions, for instance, are a choice."""
         if grant.announced and not self._request.announced:
             raise PeerError("the grant announces the contact ahead, which was not asked for")
         share, asked = grant.position_share, self._request.position_share
@@ -285,7 +285,7 @@ class Asking:
             raise PeerError(f"the grant gives positions a share of {share:g} of the JND; {asked:g} was asked for")
 
     def granted(self) -> None:
-        """Note that there is a session."""
+        """Note that a session exists."""
         self.stop()
         self._wait_us = self._settings.refused_retry_us
 

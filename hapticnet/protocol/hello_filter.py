@@ -1,8 +1,8 @@
 """The checks that a HELLO must pass before the slave keeps or computes anything for its sender.
 
-A cookie proves, without any state, that the sender receives what is sent to its address (as in DTLS, RFC 9147, section
+A cookie proves, without any state, that the sender receives datagrams at its address (as in DTLS, RFC 9147, section
 5.1): it is a keyed hash of the address and the HELLO's nonce, so that only the slave can make one, and one made for
-another address or HELLO is worth nothing. Token buckets limit how often requests are read.
+another address or HELLO is worthless. Token buckets limit how often requests are read.
 """
 
 import hmac
@@ -28,7 +28,7 @@ from hapticnet.protocol.settings import Entropy, random_bytes
 from hapticnet.protocol.wire import OPEN, SEALED, Datagram, Kind, pack, pack_body, unpack_nonce
 
 GENERATION_US: Final = 120_000_000
-"""How long [µs] one secret makes cookies. Those of the previous secret are still accepted."""
+"""Time [µs] for which one secret makes cookies. Those of the previous secret are still accepted."""
 
 
 class CookieJar:
@@ -68,7 +68,7 @@ def _cookie(secret: bytes, address: bytes, nonce: int) -> bytes:
     return blake2s(nonce.to_bytes(4, "big") + address, key=secret, digest_size=COOKIE_BYTES).digest()
 
 
-MOST_KEYS: Final = 4096  # keys remembered at once; the one unused for longest is forgotten
+MOST_KEYS: Final = 4096  # most keys remembered; the least recently used is forgotten
 
 
 class Buckets:
@@ -81,7 +81,7 @@ class Buckets:
         self._buckets: OrderedDict[Hashable, TokenBucket] = OrderedDict()
 
     def take(self, key: Hashable, now_us: int) -> bool:
-        """Take a token from the bucket of `key`; return whether there was one."""
+        """Take a token from the bucket of `key`; return whether one was available."""
         bucket = self._buckets.get(key)
         if bucket is None:
             bucket = self._buckets[key] = TokenBucket(self._per_second, self._depth)
@@ -93,7 +93,7 @@ class Buckets:
 
 
 Address: TypeAlias = Hashable
-"""Source or destination of a datagram. Opaque here; the runtime uses what the socket module does."""
+"""Source or destination of a datagram. Opaque here; the runtime uses the socket module's form."""
 
 REQUESTS_PER_S: Final = 5.0
 REQUESTS_AT_ONCE: Final = 8
@@ -101,14 +101,14 @@ REQUESTS_AT_ONCE: Final = 8
 
 ALL_REQUESTS_PER_S: Final = 100.0
 ALL_REQUESTS_AT_ONCE: Final = 10
-"""Requests of all hosts together that are read. One takes up to a millisecond, which positions wait for."""
+"""Requests of all hosts together that are read. One takes up to a millisecond, during which positions wait."""
 
 
 class HelloFilter:
     """Read HELLOs, in this order: size, version, key, cookie, rate, request.
 
-    Before the cookie nothing is kept, and the costliest step is a hash. Requests of proved addresses are read only so
-    often, for each host and for all together.
+    Before the cookie nothing is kept, and the costliest step is a hash. Requests of proved addresses are rate-limited,
+    for each host and for all together.
     """
 
     def __init__(self, doors: Mapping[int, Door], rng: Entropy) -> None:
@@ -142,7 +142,7 @@ class HelloFilter:
         return pack(Kind.COOKIE, 0, 0, body, datagram.version)
 
     def read(self, datagram: Datagram, hello: Hello, address: Address, host: Hashable, now_us: int) -> Visitor | None:
-        """Read the request of a proved address; None if read before or too often. PeerError if malformed."""
+        """Read the request of a proved address; None if already read, or too many arrive. PeerError if malformed."""
         if self._is_spent(address, hello.nonce, now_us):
             return None
         if not (self._hosts.take(host, now_us) and self._all.take(now_us)):
@@ -152,7 +152,7 @@ class HelloFilter:
         return self._doors[datagram.version].read(hello, datagram.sequence)
 
     def _is_spent(self, address: Address, nonce: int, now_us: int) -> bool:
-        """Return whether a request with this nonce was read before: this one is then a copy, or arrives late."""
+        """Return whether a request with this nonce was read before: then this one is a copy or late."""
         self._jar.renew(now_us)
         if self._generation != self._jar.generation:  # earlier requests need a new cookie anyway
             self._generation = self._jar.generation

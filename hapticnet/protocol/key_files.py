@@ -1,6 +1,6 @@
 """Key files and lists of masters, stored as TOML.
 
-docs/understand/security.md shows both; nobody else may read a file with a secret.
+docs/understand/security.md shows both; only the owner may read a file with a secret.
 """
 
 import os
@@ -19,7 +19,7 @@ from hapticnet.protocol.keys import NO_PSK, MasterEntry, PrivateKey, Roster, for
 PRIVATE_MODE: Final = 0o600
 PRIVATE_FOLDER_MODE: Final = 0o700
 
-ROOT: Final = 0  # account that can change every file anyway
+ROOT: Final = 0  # account that can change any file anyway
 _OTHERS: Final = stat.S_IRWXG | stat.S_IRWXO
 _WRITTEN_BY_OTHERS: Final = stat.S_IWGRP | stat.S_IWOTH
 
@@ -53,9 +53,9 @@ class _RosterTable(BaseModel):
 
 
 def default_key() -> Path:
-    """Return where a host's key is kept unless another file is named."""
+    """Return the default path of a host's key."""
     base = os.environ.get("XDG_CONFIG_HOME", "")
-    # The XDG base directory specification: a relative path is to be ignored.
+    # The XDG base directory specification: relative paths must be ignored.
     folder = Path(base) if Path(base).is_absolute() else Path.home() / ".config"
     return folder / "hapticnet" / "key.toml"
 
@@ -66,7 +66,7 @@ def default_masters(key: Path) -> Path:
 
 
 def load_key(path: Path) -> PrivateKey:
-    """Return the key in a file; FileError or SettingsError unless it is valid and nobody else can access it."""
+    """Return the key in a file; FileError or SettingsError unless it is valid and private."""
     if is_missing(path):
         raise FileError(f"{path} does not exist; make it with: hapticnet key new {shlex.quote(str(path))}")
     text = read_document(path)
@@ -113,7 +113,7 @@ def load_roster(path: Path) -> Roster:
 
 
 def is_missing(path: Path) -> bool:
-    """Return whether there is no such file; one that cannot be looked at may be there."""
+    """Return whether a file is missing; one that cannot be examined may exist."""
     try:
         path.stat()
     except FileNotFoundError:
@@ -169,7 +169,7 @@ def _psk(text: str | None) -> bytes:
 
 
 def open_folder(path: Path) -> Path | None:
-    """Return the folder of a file, or of what a link leads to, if all accounts can replace files in it; else None."""
+    """Return the folder of a file, or of a link's target, if all accounts can replace files in it; else None."""
     for folder in (path.absolute().parent, path.resolve().parent):
         mode = _mode(folder)
         if mode & stat.S_IWOTH and not mode & stat.S_ISVTX:

@@ -1,7 +1,7 @@
 """Keys of sealed sessions: a host's own key, its peer's public key, and the masters that a slave admits.
 
 A key is 32 bytes, written as 44 characters of base64 (RFC 4648 §4): the format of ``wg genkey``. Private and public
-keys are those of X25519 (RFC 7748); a pre-shared key (psk) is any 32 bytes that both ends know.
+keys are X25519 keys (RFC 7748); a pre-shared key (psk) is any 32 bytes that both ends know.
 """
 
 import base64
@@ -24,13 +24,13 @@ from hapticnet.protocol.settings import Entropy
 KEY_BYTES: Final = 32
 KEY_CHARACTERS: Final = 44
 
-NO_PSK: Final = bytes(KEY_BYTES)  # the pre-shared key where there is none, as in WireGuard
+NO_PSK: Final = bytes(KEY_BYTES)  # stands for no pre-shared key, as in WireGuard
 MOST_SESSIONS: Final = 100_000
 
 
 @dataclass(frozen=True, slots=True)
 class PrivateKey:
-    """The key of one host, checked; UnavailableError without the algorithms. No secret is in its representation."""
+    """The key of one host, checked; UnavailableError without the algorithms. Its repr shows no secret."""
 
     private: bytes = field(repr=False)  # X25519 private key, 32 bytes
     psk: bytes = field(default=NO_PSK, repr=False)  # shared by a master and its slave, 32 bytes
@@ -46,7 +46,7 @@ class PrivateKey:
 
 @dataclass(frozen=True, slots=True)
 class MasterKey:
-    """What a master needs for a sealed session; SettingsError if `peer` is no public key, or the master's own."""
+    """A master's keys for a sealed session; SettingsError if `peer` is not a public key, or the master's own."""
 
     own: PrivateKey
     peer: bytes
@@ -64,7 +64,7 @@ class MasterKey:
 class MasterEntry:
     """One master that a slave admits, and its limits. Raise SettingsError if a value is invalid."""
 
-    name: str  # what the slave's console and report call it; at most 64 bytes
+    name: str  # its name on the slave's console and in the report; at most 64 bytes
     public: bytes  # the master's public key, 32 bytes
     psk: bytes = field(default=NO_PSK, repr=False)  # pre-shared key, 32 bytes; `NO_PSK` if there is none
     scene: str | None = None  # scene this master touches, as `scene.sources.find_source` reads it; None for the slave's
@@ -93,7 +93,7 @@ class Roster:
             other = self._by_public.get(master.public)
             if other is not None:
                 raise SettingsError(
-                    f"master {number}: public is that of {other.name!r} too; each master has a key of its own"
+                    f"master {number}: public is that of {other.name!r} too; each master has its own key"
                 )
             if master.name in names:
                 raise SettingsError(f"master {number}: name {master.name!r} is taken; each master has its own name")
@@ -122,13 +122,13 @@ def format_key(key: bytes) -> str:
 
 
 def parse_key(text: str, name: str, *, secret: bool = False) -> bytes:
-    """Return the 32 bytes of a key in base64; SettingsError, which does not show a `secret` one, if it is no key."""
+    """Return the 32 bytes of a key in base64; SettingsError, which does not show a `secret` one, if it is invalid."""
     text = text.strip()
     try:
         key = binascii.a2b_base64(text.encode("ascii"), strict_mode=True)
     except (binascii.Error, UnicodeEncodeError):
         key = b""
-    # Base64 leaves two bits of the last character unused: one key must have one spelling.
+    # Base64 leaves two bits of the last character unused, but each key must have one spelling.
     if len(key) == KEY_BYTES and format_key(key) == text:
         return key
     seen = f"has {len(text)} characters" if secret else f"is {reprlib.repr(text)} ({len(text)} characters)"
@@ -140,8 +140,8 @@ def parse_key(text: str, name: str, *, secret: bool = False) -> bytes:
 def check_public(name: str, public: bytes) -> None:
     """Check that X25519 gives a secret with this public key.
 
-    With a point of small order the result would be known to everybody (RFC 7748 §6.1). Raise SettingsError if the
-    length is wrong or the point is of small order; the all-zero key is one. Raise UnavailableError if OpenSSL has not
+    With a point of small order the result would be known to anyone (RFC 7748 §6.1). Raise SettingsError if the
+    length is wrong or the point is of small order; the all-zero key is one. Raise UnavailableError if OpenSSL lacks
     the algorithms of sealed sessions.
     """
     _check_length(name, public)
@@ -154,19 +154,19 @@ def check_public(name: str, public: bytes) -> None:
 
 @cache
 def check_algorithms() -> X25519PrivateKey:
-    """Return a private key that nobody uses; UnavailableError if OpenSSL lacks the algorithms, as in FIPS mode."""
+    """Return an unused private key; UnavailableError if OpenSSL lacks the algorithms, as in FIPS mode."""
     try:
         ChaCha20Poly1305(bytes(KEY_BYTES)).encrypt(bytes(12), b"", None)
         return X25519PrivateKey.from_private_bytes(bytes(KEY_BYTES))
     except UnsupportedAlgorithm as error:
         raise UnavailableError(
-            "sealed sessions and their keys need X25519 and ChaCha20-Poly1305, and OpenSSL has not both here, as in"
+            "sealed sessions and their keys need X25519 and ChaCha20-Poly1305, and OpenSSL lacks one of them, as in"
             " FIPS mode; open sessions need neither"
         ) from error
 
 
 def check_name(name: str) -> None:
-    """Raise SettingsError unless a master may have this name."""
+    """Raise SettingsError unless this name is valid for a master."""
     if not name.strip() or not name.isprintable() or len(name.encode()) > NAME_BYTES:
         raise SettingsError(f"name is {reprlib.repr(name)}; it must be 1 to {NAME_BYTES} printable bytes")
 

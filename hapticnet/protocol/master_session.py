@@ -48,11 +48,11 @@ DOUBT_MARGIN_US: Final = 10_000
 
 
 class MasterSession:
-    """Keep a session with the slave: ask for it, number the positions, sort the forces, notice silence.
+    """Keep a session with the slave: ask for it, number positions, sort forces, and notice silence.
 
-    What is not authenticated never ends a session. It makes the master ask for a new one, and the old session goes on
-    until that is proved. Forces of the old session count until the first of the new one is applied: they answer
-    positions that were sent before the change, which may be a second ago. The owner sets `idle` while next to no
+    Unauthenticated messages never end a session. They make the master ask for a new one, and the old session continues
+    until the new one is proved. Forces of the old session count until the first of the new one is applied: they answer
+    positions that were sent before the change, up to a second earlier. The owner sets `idle` while next to no
     force is applied in a session with few positions: silences may then be longer.
     """
 
@@ -68,9 +68,9 @@ class MasterSession:
         self._asking.begin(None)
         self._grant: Grant | None = None
         self.position_share = 0.0  # share of the JND for positions; 0: send every position
-        self._replaced: Request | None = None  # what was asked for before a change that is not granted yet
+        self._replaced: Request | None = None  # the request before a change that is not granted yet
         self._stream: MasterStream | None = None
-        self._parting: MasterStream | None = None  # the one before: what is on its way in it is still felt
+        self._parting: MasterStream | None = None  # the previous session: its forces in flight are still felt
         self._fresh = Freshness(settings.max_age_us)
         self._doubted = False  # a RESET arrived, and nothing fresh since
         self._stale_us = 0
@@ -81,7 +81,7 @@ class MasterSession:
         self._tries_left = settings.close_tries
         self._close_reason = ""
         self._outbox: list[bytes] = []
-        self.events: deque[MasterEvent] = deque()  # not taken out yet, oldest first
+        self.events: deque[MasterEvent] = deque()  # not fetched yet, oldest first
 
     @property
     def streaming(self) -> bool:
@@ -118,7 +118,7 @@ class MasterSession:
         return True
 
     def change(self, request: Request) -> None:
-        """Ask for a session with another request, which goes on with the scene; until then the present one goes on."""
+        """Ask for a session with another request, which continues the scene; until then the present one continues."""
         if self.state in (MasterState.CLOSING, MasterState.CLOSED):
             return
         before = self._asking.ask_for(request)
@@ -140,7 +140,7 @@ class MasterSession:
         self.tick(now_us)
 
     def tick(self, now_us: int) -> None:
-        """Do what is due: ask for a session, declare the link stale, repeat CLOSE."""
+        """Do the due work: ask for a session, declare the link stale, repeat CLOSE."""
         if (  # the common case, kept short: every position waits for this
             self.state is _ESTABLISHED
             and 0 <= now_us - self._fresh.heard_us <= self._settings.keepalive_us
@@ -246,7 +246,7 @@ class MasterSession:
             self._count_stray(kind, size)
 
     def _receive_parting(self, datagram: Datagram, data: bytes, now_us: int) -> None:
-        """Process a datagram of the session before; of any other, count it."""
+        """Process a datagram of the previous session; count those of any other."""
         parting, kind = self._parting, datagram.kind
         if parting is None or datagram.session != parting.number or kind not in (Kind.FORCE, Kind.KEEPALIVE):
             self._count_stray(kind, len(data))
@@ -311,7 +311,7 @@ class MasterSession:
             self.events.append(Refused(answer.reason, answer.code, self._asking.refused(now_us)))
 
     def _begin(self, granted: Granted, now_us: int) -> None:
-        """Use a session that was granted; whatever was used before ends here."""
+        """Use a granted session, and end the previous one."""
         grant, seal, sequence = granted
         self._asking.granted()
         self._grant = grant
@@ -336,7 +336,7 @@ class MasterSession:
         self.events.append(Connected(grant))
 
     def _needs_another(self, now_us: int) -> bool:
-        """Return whether a new session must be asked for while the present one goes on."""
+        """Return whether to ask for a new session while the present one continues."""
         if self._replaced is not None:
             return True
         silent_us = self._fresh.silent_us(now_us)
@@ -373,7 +373,7 @@ class MasterSession:
         return (IDLE_KEEPALIVES if self.idle else SPARSE_KEEPALIVES) * granted_us
 
     def _fresh_t_us(self, echoed_t_us: int, arrival: Arrival, now_us: int) -> int | None:
-        """Return the time [µs] of the position that is answered; None, and count it, if the answer is not fresh."""
+        """Return the time [µs] of the answered position; None, and count it, if the answer is not fresh."""
         t_us = self._fresh.fresh_t_us(echoed_t_us, now_us, is_new=arrival is Arrival.NEW)
         if t_us is None:
             self.received.too_old += 1
@@ -439,7 +439,7 @@ class MasterSession:
         self.state = MASTER_TRANSITIONS[self.state, trigger]
 
 
-# Found faster than the members, for what every tick asks for.
+# Faster to look up than the enum members, which every tick needs.
 _ESTABLISHED: Final = MasterState.ESTABLISHED
 _STALE: Final = MasterState.STALE
 _POSITION: Final = Kind.POSITION

@@ -13,30 +13,30 @@ from hapticnet.protocol.wire import unwrap
 
 
 class Freshness:
-    """Judge answers by the time stamp of the position that they answer.
+    """Judge answers by the time stamp of the answered position.
 
     The slave echoes time stamps of the master, so no clock but the master's counts. An answer is fresh if its position
     is at most `max_age_us` old and was sent at all.
     """
 
     def __init__(self, max_age_us: int) -> None:
-        self.heard_us = 0  # when the last fresh answer arrived that is newer than all before it
-        self.too_old_us: int | None = None  # age of the least old answer since then that was too old
-        self.too_old_at_us: int | None = None  # when the last such answer arrived
+        self.heard_us = 0  # arrival of the last fresh answer that was newer than all before it
+        self.too_old_us: int | None = None  # smallest age of the too old answers since then
+        self.too_old_at_us: int | None = None  # arrival of the last such answer
         self._max_age_us = max_age_us
         self.newest_t_us = 0  # time [µs] of the newest position that was sent
-        self.ahead_us = 0  # how long [µs] after a position the slave may answer for: it goes on along a line
+        self.ahead_us = 0  # how long [µs] after a position the slave may answer, because it follows a line
 
     def fresh_t_us(self, echoed_t_us: int, now_us: int, *, is_new: bool) -> int | None:
-        """Return the unwrapped time [µs] of the position that is answered; None if the answer is not fresh.
+        """Return the unwrapped time [µs] of the answered position; None if the answer is not fresh.
 
-        `is_new` tells whether the answer is newer than all before it. Copies of old answers say nothing about the link.
+        `is_new` says whether the answer is newer than all before it. Copies of old answers say nothing about the link.
         """
         t_us = unwrap(echoed_t_us, now_us)
         if t_us > self.newest_t_us and t_us > min(self.newest_t_us + self.ahead_us, now_us):
             return None  # no such position was sent
         age_us = now_us - t_us
-        # The position behind an answer may be older than the time that it is for.
+        # The position behind an answer may be older than the time it answers.
         if age_us <= self._max_age_us - self.ahead_us:
             return t_us
         if is_new:
@@ -54,17 +54,17 @@ class Freshness:
         return self.too_old_at_us is not None and 0 <= now_us - self.too_old_at_us <= within_us
 
     def silent_us(self, now_us: int) -> int:
-        """Return how long [µs] nothing fresh has arrived."""
+        """Return the time [µs] since the last fresh arrival."""
         self.heard_us = min(self.heard_us, now_us)  # a clock that went back must not shorten a silence
         return now_us - self.heard_us
 
 
 STALE_GROWTH: Final = 1.25
-"""By how much each interval between positions is longer than the last while the link is stale."""
+"""Growth of each interval between positions while the link is stale."""
 
 
 class Pace:
-    """Positions ever less often while the link is stale, from 1 ms apart to `slowest_us`, so that it can recover."""
+    """Positions at growing intervals while the link is stale, from 1 ms to `slowest_us`, so that it can recover."""
 
     def __init__(self, slowest_us: int) -> None:
         self._slowest_us = slowest_us
@@ -72,7 +72,7 @@ class Pace:
         self._next_us = 0
 
     def begin(self, now_us: int) -> None:
-        """Begin, because the link is stale from now on."""
+        """Begin, because the link has become stale."""
         self._interval_us = 1000.0
         self._next_us = now_us
 
@@ -86,15 +86,15 @@ class Pace:
 
 
 RECENT: Final = 1 << 15
-"""A RESET must name one of so many newest sequence numbers; half a minute at 1 kHz. A sealed session ends as many
+"""A RESET must name one of this many newest sequence numbers; half a minute at 1 kHz. A sealed session ends as many
 before its last number."""
 
 
 class MasterStream:
-    """Number and seal what is sent, and keep account of the forces that are applied.
+    """Number and seal datagrams, and keep track of the applied forces.
 
-    `welcome`: sequence number of the WELCOME, which those of the slave's datagrams follow.
-    `reports_loss`: whether each position reports loss, if there is any: positions are few.
+    `welcome`: sequence number of the WELCOME, from which the slave's datagrams count.
+    `reports_loss`: whether each position reports loss, if any, because positions are few.
     """
 
     def __init__(self, number: int, seal: Seal | None, *, sequence: int, welcome: int, reports_loss: bool) -> None:
@@ -102,23 +102,23 @@ class MasterStream:
         self.seal = seal
         self.sequence = sequence  # sequence number of the next datagram to send
         self.newest_force: int | None = None  # sequence number of the newest FORCE applied; None before the first
-        self.confirmed: int | None = None  # that number, or that of a KEEPALIVE since which confirmed it
+        self.confirmed: int | None = None  # that number, or the number of a later KEEPALIVE that confirmed it
         self.loss = LossEstimate(welcome)
         self.window: ArrivalWindow | None = None  # sorts the slave's datagrams; None before it is opened
         self._reports_loss = reports_loss
         self._positions = 0
-        self._since_us: int | None = None  # since when something waits to be acknowledged
+        self._since_us: int | None = None  # start of the wait for an acknowledgement
 
     @property
     def wears_out(self) -> bool:
-        """Whether a sealed session will soon have no sequence number left."""
+        """Whether a sealed session will soon run out of sequence numbers."""
         return self.seal is not None and self.sequence > LAST_SEQUENCE - RECENT
 
     def pack(self, kind: Kind, body: bytes) -> bytes | None:
-        """Return the next datagram; None if there is no number left."""
+        """Return the next datagram; None if no number is left."""
         if self.seal is None:
             datagram = pack(kind, self.number, self.sequence, body)
-        elif self.sequence > LAST_SEQUENCE:  # no new session in time: a number must not come twice under one key
+        elif self.sequence > LAST_SEQUENCE:  # no new session in time: a number must not repeat under one key
             return None
         else:
             datagram = self.seal.pack(kind, self.number, self.sequence, body)
@@ -126,13 +126,13 @@ class MasterStream:
         return datagram
 
     def body_of_position(self, t_us: int, payload: bytes) -> bytes:
-        """Return the body of a POSITION of time `t_us` [µs], which acknowledges what has arrived."""
+        """Return the body of a POSITION of time `t_us` [µs], which acknowledges the newest arrivals."""
         self._positions += 1
         self._since_us = None
         is_report = self._reports_loss or not self._positions % REPORT_EVERY
         loss = self.loss.estimate() if is_report else None
         if loss is None:
-            # As `pack_position`, without an object in between.
+            # Like `pack_position`, without an intermediate object.
             return pack_body((t_us & MOST, self.confirmed, payload))
         return pack_position(Position(wrap(t_us), self.confirmed, payload, loss))
 
@@ -147,20 +147,20 @@ class MasterStream:
             self._since_us = now_us
 
     def owes_since(self, delay_us: int, now_us: int) -> bool:
-        """Return whether something has waited to be acknowledged for `delay_us`."""
+        """Return whether an acknowledgement has been due for `delay_us`."""
         since_us = self._since_us
         return since_us is not None and not 0 <= now_us - since_us < delay_us
 
     def sent_lately(self, sequence: int) -> bool:
-        """Return whether a sequence number is one of the newest that were sent."""
+        """Return whether a sequence number is among the newest sent."""
         return 0 < distance(self.sequence, sequence) <= RECENT
 
     def is_news(self, sequence: int) -> bool:
-        """Return whether a late FORCE is newer than the one applied: only KEEPALIVEs or refused FORCEs overtook it."""
+        """Return whether a late FORCE is newer than the applied one: only KEEPALIVEs or refused FORCEs overtook it."""
         return self.newest_force is None or distance(sequence, self.newest_force) > 0
 
     def is_confirmed_by(self, named: int | None) -> bool:
-        """Return whether a KEEPALIVE that names a FORCE confirms what is applied: that FORCE or one after it."""
+        """Return whether a KEEPALIVE that names a FORCE confirms the applied one: that FORCE or a later one."""
         if named is None or self.newest_force is None:
             return named is self.newest_force
         return distance(self.newest_force, named) >= 0

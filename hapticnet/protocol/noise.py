@@ -30,7 +30,7 @@ NAME: Final = b"Noise_IKpsk2_25519_ChaChaPoly_BLAKE2s"
 KEY_BYTES: Final = 32
 """Length of private, public, shared and transport keys (§4.1, §12.1) and of hashes (BLAKE2s, §12.7)."""
 
-TAG_BYTES: Final = 16  # length of the tag that a ciphertext is longer than its plaintext (§4.2)
+TAG_BYTES: Final = 16  # length of a ciphertext's tag (§4.2)
 MESSAGE_1_BYTES: Final = 2 * KEY_BYTES + 2 * TAG_BYTES
 """Length of the first message without its payload: an ephemeral key, a sealed static key and the payload's tag."""
 
@@ -57,7 +57,7 @@ class Initiator:
     """The master's side of a handshake.
 
     `psk`: the key shared beforehand, 32 bytes; `keys.NO_PSK` where there is none.
-    `prologue`: what both ends know already. The handshake fails unless theirs are equal (§6).
+    `prologue`: data that both ends share. The handshake fails unless they are equal (§6).
     Raise SettingsError if a key is not 32 bytes, or if `peer` is a point of low order, with which every shared secret
     is zero.
     """
@@ -72,7 +72,7 @@ class Initiator:
         try:
             self._static_shared = _shared_secret(self._static, peer)
         except PeerError as error:
-            raise SettingsError(f"the public key {peer.hex()} is no one's: it is a point of low order") from error
+            raise SettingsError(f"the public key {peer.hex()} belongs to nobody: it is a point of low order") from error
         self._start = _Transcript.begin(prologue, peer)
         self._ephemeral: _Pair | None = None
         self._written = self._start
@@ -90,9 +90,9 @@ class Initiator:
         return message
 
     def read(self, message: bytes, psk: bytes | None = None) -> tuple[bytes, TransportKeys]:
-        """Return the payload of the second message, and the session's keys; `psk` stands in for this side's own.
+        """Return the payload of the second message, and the session's keys; `psk` replaces this side's own.
 
-        A message that is refused changes nothing: the true answer can still be read. Raise PeerError if the message is
+        A refused message changes nothing: the true answer can still be read. Raise PeerError if the message is
         too short, changed, or not from the holder of the peer's private key and of `psk` in answer to the last message
         written.
         """
@@ -139,7 +139,7 @@ class Responder:
     def write(self, payload: bytes, psk: bytes) -> tuple[bytes, TransportKeys]:
         """Return the second message, of `MESSAGE_2_BYTES` and the payload's length, and the session's keys.
 
-        The keys prove nothing about the initiator before a message under `to_responder` has been opened.
+        The keys prove nothing about the initiator until a message under `to_responder` opens.
         """
         if self._accepted is None:
             raise RuntimeError("read the first message before writing the second")
@@ -163,7 +163,7 @@ class _Pair(NamedTuple):
 
 
 class _Transcript:
-    """The state of a handshake (§5.2): chaining key, hash of all that was said, and the key of the next ciphertext.
+    """The state of a handshake (§5.2): chaining key, hash of the transcript, and the key of the next ciphertext.
 
     In this pattern every key encrypts once, because a key is mixed in before every ciphertext. All nonces are therefore
     zero, and there is no counter.
@@ -202,7 +202,7 @@ class _Transcript:
         try:
             plaintext = ChaCha20Poly1305(self._key).decrypt(_NONCE, ciphertext, self._hash)
         except InvalidTag as error:
-            raise PeerError("handshake message that does not open: other keys, or changed on the way") from error
+            raise PeerError("handshake message that does not open: wrong keys, or changed in transit") from error
         self._hash = _hash(self._hash + ciphertext)
         return plaintext
 
@@ -246,7 +246,7 @@ def _new_pair(rng: Entropy) -> _Pair:
 
 @functools.lru_cache(maxsize=8)
 def _pair(private: bytes) -> _Pair:
-    """Return the pair of a static key. Kept, because the slave needs its own again for every HELLO."""
+    """Return the pair of a static key. Cached, because the slave needs its own for every HELLO."""
     _check_length(private, "private key")
     return _make_pair(private)
 

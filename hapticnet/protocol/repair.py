@@ -1,11 +1,11 @@
-"""When the slave sends although the codec is silent.
+"""Decide when the slave sends although the codec does not.
 
-An update is lost or may be, or silence would pass for a dead link. Three ways, all with the *present* stimulus in an
-update that needs no earlier one:
+This is when an update is or may be lost, or silence would look like a dead link. There are three ways, all with the
+*present* stimulus in an update that decodes on its own:
 
 - Replace: an update whose acknowledgement is overdue is lost. This takes a round trip.
-- Repeat: while the master reports loss, the present stimulus is sent again soon after an update, as long as the
-  probability that the master holds something that can be told apart from it is too high.
+- Repeat: while the master reports loss, the present stimulus is repeated soon after an update, while the
+  probability that the master holds a perceptibly different one is too high.
 - Pace: while the master reports loss, the longest silence is shortened until a run of losses hardly ever lasts as long
   as the master waits before it releases the force.
 
@@ -29,19 +29,19 @@ SHORTEST_TIMEOUT_US: Final = 5_000
 LONGEST_TIMEOUT_US: Final = 1_000_000
 
 GRANULARITY_US: Final = 5_000
-"""Least that the timeout is above the smoothed round trip: G of RFC 6298. Acknowledgements come with positions, so they
+"""Least excess of the timeout over the smoothed round trip: G of RFC 6298. Positions carry acknowledgements, so they
 jitter by a sampling period even where the network does not."""
 
-MOST_REMEMBERED: Final = 1024  # unacknowledged datagrams that are remembered: a second at 1 kHz
-REPORT_LASTS_US: Final = 1_000_000  # how long a report of loss counts. A master that has nothing to report sends none.
-MOST_CREDIT: Final = 24.0  # repeats that can be saved up: those of 200 ms at 1 kHz
+MOST_REMEMBERED: Final = 1024  # most unacknowledged datagrams that are remembered: a second at 1 kHz
+REPORT_LASTS_US: Final = 1_000_000  # validity of a report of loss. A master without loss sends none.
+MOST_CREDIT: Final = 24.0  # most repeats that can be saved up: those of 200 ms at 1 kHz
 PACE_STEP_US: Final = 500
 SCHEDULING_US: Final = 5_000
-"""Part of the master's age limit that is left for the spacing of positions and ticks."""
+"""Part of the master's age limit reserved for the spacing of positions and ticks."""
 
 
 class Sent(NamedTuple):
-    """A datagram without acknowledgement, and what is held without it; None if its loss does no harm."""
+    """A datagram without acknowledgement, and the stimulus held if it is lost; None if its loss does no harm."""
 
     sequence: int
     sent_us: int
@@ -54,10 +54,10 @@ class Repair:
     An acknowledgement covers every datagram up to the one it names, because a master acknowledges only what it applied
     or confirmed. The oldest one without acknowledgement counts, not the newest: a FORCE may build on earlier ones, so
     while one is missing the master refuses those after it, and a timer that every new FORCE restarts would never
-    expire. The timeout is that of RFC 6298: smoothed round trip plus four mean deviations, doubled at each expiry,
-    within bounds that suit a stream that is acknowledged a thousand times a second.
+    expire. The timeout follows RFC 6298: smoothed round trip plus four mean deviations, doubled at each expiry,
+    within bounds that suit a stream acknowledged a thousand times a second.
 
-    `law`: that of the person at the master.
+    `law`: the law of the person at the master.
     `sparse`: whether positions are sent only when they matter, and acknowledgements with them.
     """
 
@@ -70,8 +70,8 @@ class Repair:
         self._law = law
         self._age_limit_us = settings.stale_after_us  # silence after which the master releases the force
         self._recovering = False
-        self._sent: deque[Sent] = deque(maxlen=MOST_REMEMBERED)  # the oldest first
-        self._since_us = 0  # since when the oldest is waited for
+        self._sent: deque[Sent] = deque(maxlen=MOST_REMEMBERED)  # oldest first
+        self._since_us = 0  # start of the wait for the oldest
         self._expired_us = 0
         self._spoke_us = now_us
         self._smoothed_us: float | None = None
@@ -80,8 +80,8 @@ class Repair:
         self._timeout_us = self._overdue_us
         self._loss = NO_LOSS
         self._reported_us = 0
-        self._late_us = 0.0  # by how much more than the longest silence the slave is silent, on average
-        self._needed = 1  # datagrams of which one has to arrive within the age limit
+        self._late_us = 0.0  # mean excess of the slave's silence over the longest silence
+        self._needed = 1  # number of datagrams of which one must arrive within the age limit
         self._credit = MOST_CREDIT
 
     @property
@@ -90,13 +90,13 @@ class Repair:
         return self._recovering or self._loss.share > self._settings.complete_above
 
     def sent(self, sequence: int, now_us: int, before: Vector | None) -> None:
-        """Record a FORCE; `before` is what is held where it does not arrive, None if losing it does no harm."""
+        """Record a FORCE; `before` is the stimulus held if it is lost, None if losing it does no harm."""
         if not self._sent:
             self._since_us = now_us
         self._sent.append(Sent(sequence, now_us, before))
 
     def kept_alive(self, sequence: int, now_us: int, held: Vector | None, *, tells: bool = False) -> None:
-        """Record a KEEPALIVE, which confirms what is held; waited for while there is loss, or if it tells news."""
+        """Record a KEEPALIVE, which confirms the held stimulus; awaited during loss, or if it carries news."""
         if tells or (self._settings.paces and self._loss.share):
             self.sent(sequence, now_us, held)
 
@@ -123,7 +123,7 @@ class Repair:
         self._measure(now_us - sent_us if now_us > sent_us else 0)
 
     def reported(self, loss: Loss, now_us: int) -> None:
-        """Take in how many of the slave's datagrams the master misses."""
+        """Update the share of the slave's datagrams that the master misses."""
         self._reported_us = now_us
         if self._settings.repeats or self._settings.paces:
             self._loss = loss
@@ -134,7 +134,7 @@ class Repair:
         """Return whether the present stimulus must be sent now. Call it once for each position that arrives."""
         if not self._sent:
             return False
-        # A clock that went back does not tell how long it has been: better once too often.
+        # If the clock went back, the elapsed time is unknown: better send once too often.
         if self._settings.replaces and not 0 <= now_us - self._since_us <= self._timeout_us:
             self._since_us = self._expired_us = now_us
             self._recovering = True
@@ -149,7 +149,7 @@ class Repair:
         silent_us = now_us - self._spoke_us
         if silent_us < self._settings.shortest_wait_us:
             return False
-        # A FORCE in place of a KEEPALIVE costs a few bytes, and repairs.
+        # A FORCE instead of a KEEPALIVE costs a few bytes, and repairs the loss.
         if (
             self._keeps_alive(silent_us)
             or self._may_be_silent(now_us)
@@ -160,7 +160,7 @@ class Repair:
         return False
 
     def spoke_lately(self, now_us: int) -> bool:
-        """Return whether `keepalive_is_due` is False whatever is felt."""
+        """Return whether `keepalive_is_due` is False at any force."""
         return 0 <= now_us - self._spoke_us < self.keepalive_us
 
     def keepalive_is_due(self, now_us: int, *, idle: bool = False) -> bool:
@@ -174,7 +174,7 @@ class Repair:
     def _keeps_alive(self, silent_us: int) -> bool:
         if silent_us < self.keepalive_us:
             return False
-        # Datagrams are sent when positions arrive, and these come unevenly.
+        # Datagrams are sent when positions arrive, and these arrive unevenly.
         late_us = min(silent_us - self.keepalive_us, self._longest_us)
         self._late_us += (late_us - self._late_us) / 32
         return True
@@ -191,9 +191,9 @@ class Repair:
         return False
 
     def _wait_us(self, x: Vector) -> float:
-        """Return how long after the newest datagram [µs] it is worth repeating x; infinity if there is no need.
+        """Return the wait [µs] after the newest datagram before repeating x; infinity if not needed.
 
-        If the newest n datagrams are all lost, the master holds what was held before the first of these.
+        If the newest n datagrams are all lost, the master holds the stimulus from before the first of these.
         """
         share, again = self._loss
         limit = self._settings.doubt_limit
@@ -214,7 +214,7 @@ class Repair:
         return max(self._settings.shortest_wait_us, self._settings.longest_wait_us / newest_miss)
 
     def _miss(self, x: Vector, before: Vector) -> float:
-        """Return how many JNDs x is from what is held."""
+        """Return the distance of x from the held stimulus in JNDs."""
         jnd_n = self._law.jnd_n(magnitude(before))
         away_n = apart(x, before)
         # A Weber law without floor has no JND at 0: any miss is then infinite.
@@ -246,6 +246,6 @@ class Repair:
             self._deviation_us += (abs(round_trip_us - self._smoothed_us) - self._deviation_us) / 4
             self._smoothed_us += (round_trip_us - self._smoothed_us) / 8
         margin_us = 4 * self._deviation_us
-        least_us = GRANULARITY_US + self._ack_delay_us  # as the maximum acknowledgement delay of RFC 9002, section 6.2
+        least_us = GRANULARITY_US + self._ack_delay_us  # like the maximum acknowledgement delay, RFC 9002, section 6.2
         timeout_us = self._smoothed_us + (margin_us if margin_us > least_us else least_us)
         self._overdue_us = self._timeout_us = timeout_us if timeout_us > SHORTEST_TIMEOUT_US else SHORTEST_TIMEOUT_US

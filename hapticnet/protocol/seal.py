@@ -1,9 +1,9 @@
 """Seal and open the datagrams of a session whose ends have agreed on keys.
 
 A sealed datagram has the frame of an open one. Its body is ChaCha20-Poly1305 (RFC 8439) of the message's fields: the
-nonce is the sequence number, and everything before the body's msgpack head is authenticated as it stands. The key of a
+nonce is the sequence number, and everything before the body's msgpack head is authenticated unencrypted. The key of a
 direction changes every 2²⁰ sequence numbers, 17 minutes at 1 kHz, without a message: a key found later does not open
-what was sent earlier.
+earlier datagrams.
 """
 
 import struct
@@ -17,11 +17,11 @@ from cryptography.hazmat.primitives.ciphers.aead import ChaCha20Poly1305
 from hapticnet.errors import PeerError
 from hapticnet.protocol.wire import MAX_DATAGRAM_BYTES, MODULUS, SEALED, Datagram
 
-TAG_BYTES: Final = 16  # what a seal adds to a body
-EPOCH_BITS: Final = 20  # a key serves 2²⁰ sequence numbers, which are an epoch
+TAG_BYTES: Final = 16  # bytes that a seal adds to a body
+EPOCH_BITS: Final = 20  # a key is used for 2²⁰ sequence numbers, one epoch
 LAST_SEQUENCE: Final = 2**32 - 2**16
-"""The last sequence number under one handshake's keys: a number is a nonce and must not come again. A master that comes
-near it asks for a session that continues, with new keys."""
+"""The last sequence number under one handshake's keys: a number is a nonce and must not repeat. A master that gets
+near it asks for a continuing session with new keys."""
 
 _pack_number: Callable[[int], bytes] = msgpack.Packer().pack  # return the shortest msgpack of an integer
 
@@ -29,8 +29,8 @@ _pack_number: Callable[[int], bytes] = msgpack.Packer().pack  # return the short
 class Seal:
     """One end of a sealed session: it seals what it sends and opens what it receives.
 
-    Both directions start in epoch 0. A receiver opens datagrams of the newest epoch it has seen, the one before and the
-    one after. Keys of earlier epochs are released.
+    Both directions start in epoch 0. A receiver opens datagrams of the newest epoch seen, the previous one and the
+    next one. Keys of earlier epochs are released.
     """
 
     def __init__(self, send_key: bytes, receive_key: bytes) -> None:
@@ -47,7 +47,7 @@ class Seal:
         """Return a sealed datagram.
 
         `kind`, `session`, `sequence`: the first elements of the frame. `sequence` must be above that of every earlier
-        datagram and below 2³²; it is ValueError otherwise, because two datagrams under one nonce give both away.
+        datagram and below 2³²; otherwise ValueError, because two datagrams under one nonce reveal both.
         """
         if not self._sent < sequence < MODULUS:
             raise ValueError(f"sequence number {sequence} after {self._sent}; each is used once, up to {MODULUS - 1}")
@@ -61,10 +61,10 @@ class Seal:
         return head + _BIN_HEADS[len(sealed)] + sealed
 
     def open(self, data: bytes, datagram: Datagram) -> bytes:
-        """Return the opened body; PeerError if of another key, changed or two epochs away. That changes nothing."""
+        """Return the opened body; PeerError if key or data differ, or it is two epochs away. That changes nothing."""
         sequence = datagram.sequence
         body = datagram.body
-        # A longer head than the shortest cannot pass: it would put one byte more before it than the sender sealed.
+        # A head longer than the shortest cannot pass: it would put one more byte before it than the sender sealed.
         end = -2 - len(body) if len(body) < 256 else -3 - len(body)
         if sequence >> EPOCH_BITS != self.receive_epoch:
             return self._open_beside(sequence, body, data[:end])
@@ -74,12 +74,12 @@ class Seal:
             raise PeerError(_NOT_OPENED) from None
 
     def _open_beside(self, sequence: int, body: bytes, head: bytes) -> bytes:
-        """Open a datagram of another epoch than the current one; follow the sender if it is of the next."""
+        """Open a datagram of an epoch other than the current one; follow the sender to the next epoch."""
         epochs = (sequence >> EPOCH_BITS) - self.receive_epoch
         if epochs == -1 and self._behind:
             cipher = self._behind
         elif epochs == 1:
-            # Kept for the next try: a flood of forged datagrams must not make a key each.
+            # Kept for the next try: each datagram of a forged flood must not derive a key.
             cipher = self._ahead = self._ahead or ChaCha20Poly1305(_next_key(self._receive))
         else:
             raise PeerError(f"sealed datagram {sequence} is {epochs} epochs away; only the next and last ones open")
@@ -98,7 +98,7 @@ class Seal:
         return head
 
 
-_NOT_OPENED = "sealed datagram that does not open: another key, or changed on the way"
+_NOT_OPENED = "sealed datagram that does not open: wrong key, or changed in transit"
 
 _nonce = struct.Struct("<4xQ").pack  # the nonce of a sequence number (Noise revision 34, §12.3)
 _REKEY_NONCE = _nonce(2**64 - 1)

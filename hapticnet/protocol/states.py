@@ -1,4 +1,4 @@
-"""The states of a session at either end, all transitions between them, and what happens in a master's session.
+"""The states of a session at either end, all transitions between them, and the events of a master's session.
 
 docs/refer/protocol.md draws the tables of transitions.
 """
@@ -33,7 +33,7 @@ class SlaveState(enum.Enum):
 
 
 class Trigger(enum.Enum):
-    """What causes a transition."""
+    """The cause of a transition."""
 
     WELCOMED = "WELCOME received"
     REFUSED = "refused, and there has never been a session"
@@ -46,7 +46,7 @@ class Trigger(enum.Enum):
     POSITION = "first POSITION received"
     IDLE = "nothing arrived for the idle limit"
     REPLACED = "another master needed the place"
-    CONTINUED = "a newer session of the same master goes on with the scene"
+    CONTINUED = "a newer session of the same master continues the scene"
 
 
 _M, _S, _T = MasterState, SlaveState, Trigger
@@ -68,7 +68,7 @@ MASTER_TRANSITIONS: Final[Mapping[tuple[MasterState, Trigger], MasterState]] = {
     (_M.CLOSING, _T.GAVE_UP): _M.CLOSED,
 }
 
-_ENDS: Final = (_T.IDLE, _T.REPLACED, _T.PEER_CLOSED, _T.CLOSE)  # what closes a session of the slave in any state
+_ENDS: Final = (_T.IDLE, _T.REPLACED, _T.PEER_CLOSED, _T.CLOSE)  # causes that close a session of the slave in any state
 
 SLAVE_TRANSITIONS: Final[Mapping[tuple[SlaveState, Trigger], SlaveState]] = {
     (_S.HALF_OPEN, _T.POSITION): _S.OPEN,
@@ -86,7 +86,7 @@ class Connected:
 
 @dataclass(frozen=True, slots=True)
 class ForceArrived:
-    """A force newer than the one applied. `is_parting`: of the session before, until one of the new one is applied."""
+    """A force newer than the one applied. `is_parting`: of the previous session, until one of the new is applied."""
 
     sequence: int
     t_us: int
@@ -96,14 +96,14 @@ class ForceArrived:
 
 @dataclass(frozen=True, slots=True)
 class BoundArrived:
-    """The slave tells how the force may change near the tool; comes before what else the datagram says."""
+    """The slave's stiffness bound; precedes the other events of its datagram."""
 
     payload: bytes
 
 
 @dataclass(frozen=True, slots=True)
 class HoldConfirmed:
-    """Position `t_us` [µs] arrived, and there is nothing newer than the force applied; `is_parting` as above."""
+    """Position `t_us` [µs] arrived, and nothing is newer than the applied force; `is_parting` as above."""
 
     t_us: int
     is_parting: bool = False
@@ -113,8 +113,8 @@ class HoldConfirmed:
 class LinkStale:
     """Nothing fresh arrived for the age limit.
 
-    `too_old_us`: the age [µs] of the least old answer among those that arrived too old to be used; None if nothing
-    arrived at all. If the first such answer arrives later, the event comes a second time, with its age.
+    `too_old_us`: the smallest age [µs] of the answers that arrived too old to use; None if nothing
+    arrived at all. If the first such answer arrives later, the event occurs a second time, with its age.
     """
 
     too_old_us: int | None = None
@@ -143,7 +143,7 @@ class Refused:
 
 @dataclass(frozen=True, slots=True)
 class ChangeRefused:
-    """The slave refused the other session that was asked for with `MasterSession.change`; the present one goes on."""
+    """The slave refused the session requested with `MasterSession.change`; the present one continues."""
 
     reason: str
     code: Code
@@ -151,7 +151,7 @@ class ChangeRefused:
 
 @dataclass(frozen=True, slots=True)
 class Hinted:
-    """An unauthenticated answer says that the slave refuses the session. The master goes on asking."""
+    """An unauthenticated answer says that the slave refuses the session. The master keeps asking."""
 
     reason: str
 
@@ -167,7 +167,7 @@ class Ended:
 
 @dataclass(frozen=True, slots=True)
 class Noticed:
-    """The slave tells something about the session, which goes on; once for each `code` of a session."""
+    """A notice from the slave about the continuing session; once for each `code`."""
 
     reason: str
     code: Code

@@ -1,4 +1,4 @@
-"""What has arrived and what was sent: order and loss of sequence numbers, counters, distributions."""
+"""Statistics of datagrams: order and loss of sequence numbers, counters, distributions."""
 
 import enum
 import math
@@ -13,13 +13,13 @@ WINDOW: Final = 1024
 late."""
 
 LEAP: Final = 3000
-"""A number this far from the newest is not believed until the one after it comes next: otherwise one datagram with a
-wrong number would make all true ones late (MAX_DROPOUT of RFC 3550, appendix A.1)."""
+"""A number this far from the newest is not accepted until the following one comes next: otherwise one datagram with a
+wrong number would make all genuine ones late (MAX_DROPOUT of RFC 3550, appendix A.1)."""
 
 MISORDER: Final = 100  # largest disorder that a network causes (MAX_MISORDER of RFC 3550)
 BEHIND_IN_A_ROW: Final = 8
-"""After so many arrivals in a row more than `MISORDER` behind the newest, each newer than the one before it, the newest
-was wrong: the numbers go on from there."""
+"""After this many arrivals in a row more than `MISORDER` behind the newest, each newer than the one before, the newest
+was wrong: the numbers continue from there."""
 
 
 @plain_members
@@ -36,7 +36,7 @@ class ArrivalWindow:
     """Sort arrivals by sequence number and count those that are missing.
 
     `first`: the sequence number of the datagram that opened the session; it counts as arrived.
-    `authentic`: whether a seal proves each number. Every number is then believed at once.
+    `authentic`: whether a seal proves each number. Every number is then accepted at once.
     """
 
     def __init__(self, first: int, *, authentic: bool = False) -> None:
@@ -94,7 +94,7 @@ class ArrivalWindow:
         if self._seen >> behind & 1:
             return Arrival.DUPLICATE
         self._seen |= 1 << behind
-        # A datagram sent before the session opened was not expected, so its arrival replaces no lost one.
+        # A datagram sent before the session opened was not expected, so its arrival does not reduce the losses.
         if self.lost:
             self._unique += 1
         return Arrival.LATE
@@ -113,22 +113,22 @@ _NEW: Final = Arrival.NEW
 
 REPORT_STEPS: Final = 100  # a report counts in whole per cents, so that each of its numbers takes one byte
 REPORT_EVERY: Final = 16
-"""While there is loss to report, one POSITION in so many carries a report: 125 bytes a second at 1 kHz."""
+"""While there is loss to report, one POSITION in this many carries a report: 125 bytes a second at 1 kHz."""
 
 REORDERED: Final = 3
 """A datagram counts as lost once the third after it has arrived (kPacketThreshold of RFC 9002, section 6.1.1)."""
 
 MEMORY: Final = 512
-"""Datagrams over which the share of losses averages: ten seconds of a quiet stream, two of one that is paced."""
+"""Datagrams over which the share of losses averages: ten seconds of a quiet stream, two of a paced one."""
 
 REMEMBERED_LOSSES: Final = 256
 """Losses over which the length of bursts averages. The number of datagrams needed depends on it most."""
 
 ASSUMED_ARRIVED: Final = 32.0
-"""Datagrams that are assumed to have arrived before the first, so that one early loss does not look like half."""
+"""Datagrams assumed to have arrived before the first, so that one early loss does not look like 50 %."""
 
 ASSUMED_LOST: Final = 2.0
-"""Losses, the next datagram lost after half of them, that are assumed before the first when bursts are estimated."""
+"""Losses assumed before the first when bursts are estimated; half of them are followed by another loss."""
 
 MOST_DATAGRAMS: Final = 200
 
@@ -137,7 +137,7 @@ class Loss(NamedTuple):
     """A chain of two states that steps with each datagram (Gilbert 1960, see `channel.settings`)."""
 
     share: float  # share of the datagrams that are lost, 0 to 1
-    again: float  # share of the losses after which the next datagram is lost, too: 1 - 1 / (mean length of a burst)
+    again: float  # share of the losses after which the next datagram is lost too: 1 - 1 / (mean length of a burst)
 
 
 NO_LOSS: Final = Loss(0.0, 0.0)
@@ -156,7 +156,7 @@ class LossEstimate:
         self._was_lost = False
 
     def arrived(self, sequence: int, *, is_new: bool = False) -> None:
-        """Record the arrival of a sequence number that is believed, for the first time."""
+        """Record the first arrival of an accepted sequence number."""
         ahead = distance(sequence, self._newest)
         if is_new and ahead <= 0:  # the newest was wrong
             self._newest, self._arrived = sequence, _ALL_ARRIVED
@@ -194,7 +194,7 @@ _ALL_ARRIVED: Final = (1 << REORDERED) - 1
 
 
 def datagrams_needed(loss: Loss, window_us: float, silences_per_s: float) -> int:
-    """Return how many evenly spaced datagrams a window needs so that all of one are lost no more often than that.
+    """Return how many evenly spaced datagrams a window needs, so that all of them are lost no more often than that.
 
     A run of losses begins at a datagram with probability share · (1 - again), and takes n datagrams or more with
     probability again^(n - 1).
@@ -216,8 +216,8 @@ class Traffic:
     by_kind: list[int] = field(default_factory=lambda: [0] * (max(Kind) + 1))  # by number of the kind
     late: int = 0  # older than the newest; dropped, except a FORCE that only KEEPALIVEs overtook
     duplicate: int = 0
-    malformed: int = 0  # not of the protocol, or with invalid contents
-    stray: int = 0  # well formed, but of no present session, or with a sequence number that is not believed
+    malformed: int = 0  # outside the protocol, or with invalid contents
+    stray: int = 0  # well formed, but for no present session, or with a sequence number that is not accepted
     too_old: int = 0  # answers to a position beyond the largest age, or never sent; not applied
     over_rate: int = 0  # positions beyond the granted rate; not served
     lost_before: int = 0  # datagrams lost in sessions that have ended
@@ -236,7 +236,7 @@ class Traffic:
         self.malformed += 1
 
     def absorb(self, other: "Traffic") -> None:
-        """Add the counts of another account, except those of arrivals."""
+        """Add the counts of another account, except arrivals."""
         self.packets += other.packets
         self.payload_bytes += other.payload_bytes
         self.by_kind = [ours + theirs for ours, theirs in zip(self.by_kind, other.by_kind, strict=True)]
@@ -274,7 +274,7 @@ class Traffic:
         return self.payload_bytes + self.packets * UDP_IPV4_HEADER_BYTES
 
     def report(self) -> dict[str, object]:
-        """Return the account for JSON. For a direction that is only sent, arrivals are unknown."""
+        """Return the report for JSON. For an outgoing direction, arrivals are unknown."""
         account: dict[str, object] = {
             "packets": self.packets,
             "payload_bytes": self.payload_bytes,
@@ -299,7 +299,7 @@ class Distribution:
         self.largest = 0.0
 
     def add(self, value_us: float) -> None:
-        """Add a duration; a negative one, which only a clock that went back causes, counts as zero."""
+        """Add a duration; a negative one, caused only by a clock that went back, counts as zero."""
         bucket = int(math.log(value_us) * self._scale) if value_us > 1.0 else 0
         counts = self._counts
         counts[bucket] = counts.get(bucket, 0) + 1
@@ -308,7 +308,7 @@ class Distribution:
             self.largest = value_us
 
     def absorb(self, counts: Mapping[int, int]) -> None:
-        """Add durations that were counted elsewhere; the largest is then known to one per cent."""
+        """Add durations that were counted elsewhere; the largest is then known to within one per cent."""
         for bucket, count in counts.items():
             self._counts[bucket] = self._counts.get(bucket, 0) + count
             self.count += count

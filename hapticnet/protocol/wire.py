@@ -23,7 +23,7 @@ MOST: Final = MODULUS - 1
 
 
 def wrap(number: int) -> int:
-    """Return a number as it is on the wire, 0 to 2³² - 1."""
+    """Return a number as on the wire, 0 to 2³² - 1."""
     return number & MOST
 
 
@@ -41,7 +41,7 @@ E = TypeVar("E", bound=enum.Enum)
 
 
 def plain_members(enumeration: type[E]) -> type[E]:
-    """Store the members as plain attributes, for what every datagram asks for.
+    """Store the members as plain attributes, because every datagram needs them.
 
     Before Python 3.12 a member is found by a descriptor written in Python, which costs more than most functions here.
     """
@@ -77,7 +77,7 @@ class Kind(enum.IntEnum):
     NOTICE = 10
 
 
-_pack = msgpack.Packer().pack  # one packer for all datagrams: making a new one for each would double the cost
+_pack = msgpack.Packer().pack  # one packer for all datagrams: a new one for each would double the cost
 pack_body: Final[Callable[[tuple[Any, ...]], bytes]] = _pack
 """Return the body of a message: its fields as a msgpack array."""
 
@@ -111,7 +111,7 @@ def unpack(data: bytes) -> Datagram:
     """
     if len(data) > MAX_DATAGRAM_BYTES:
         raise PeerError(f"datagram of {len(data)} bytes; at most {MAX_DATAGRAM_BYTES} are read")
-    try:  # as `_decode`, without a call
+    try:  # `_decode`, inlined
         fields = msgpack.unpackb(
             data, use_list=False, max_array_len=MAX_ELEMENTS, max_map_len=MAX_ELEMENTS, max_ext_len=0
         )
@@ -139,7 +139,7 @@ def unpack(data: bytes) -> Datagram:
 
 
 def unpack_body(body: bytes, length: int, *, optional: int = 0) -> tuple[Any, ...]:
-    """Return `length` fields of a body and up to `optional` more, ignoring others; PeerError if it is invalid."""
+    """Return `length` fields of a body and up to `optional` more, ignoring the rest; PeerError if it is invalid."""
     fields = _decode(body)
     if length <= len(fields) <= length + optional:
         return fields

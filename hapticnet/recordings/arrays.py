@@ -63,7 +63,7 @@ class ArraySource:
         return stamps
 
     def place(self, row: int) -> str:
-        """Return where a row is in the file, for a message."""
+        """Return the place of a row in the file, for a message."""
         return f"row {row}"
 
     def _columns(self, indices: Sequence[int]) -> list[npt.NDArray[Any]]:
@@ -85,7 +85,7 @@ def load_npy(path: Path, file: IO[bytes], max_bytes: int) -> npt.NDArray[Any]:
     claimed = int(np.prod(shape, dtype=object)) * each
     if claimed > max_bytes:
         raise FileError(f"{path}: an array of {claimed} bytes; the limit is {max_bytes}")
-    if len(shape) > 1:  # the longer side has the samples: an array may be either way round
+    if len(shape) > 1:  # the longer side has the samples: an array may have either orientation
         check_columns(path, min(shape))
     file.seek(0)
     array: npt.NDArray[Any] = np.lib.format.read_array(file, allow_pickle=False)
@@ -138,7 +138,7 @@ def open_mat(path: Path, max_bytes: int) -> ArraySource:
     elements = sum(int(np.prod(shape, dtype=object)) for _, shape, _ in io.whosmat(path))
     if 8 * elements > max_bytes:  # loading an array with a damaged shape can end the process
         raise FileError(f"{path}: unpacks to {8 * elements} bytes; the limit is {max_bytes}")
-    if _unpacked_mat(path, max_bytes) > max_bytes:  # with the fields of structures, which whosmat does not tell
+    if _unpacked_mat(path, max_bytes) > max_bytes:  # including the fields of structures, which whosmat omits
         raise FileError(f"{path}: unpacks to more than {max_bytes} bytes, which is the limit")
     variables = io.loadmat(path, appendmat=False, simplify_cells=True)
     arrays: dict[str, npt.NDArray[Any]] = {}

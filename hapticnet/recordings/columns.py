@@ -1,4 +1,4 @@
-"""Columns of a recording: how they are chosen, the units that their names carry, and which one has the times."""
+"""Columns of a recording: their selection, the units in their names, and the column of times."""
 
 import re
 from collections.abc import Mapping, Sequence
@@ -49,7 +49,7 @@ _EARLIEST_S, _LATEST_S = 5e8, 5e9
 
 # Longest median step for which a time without a unit is read in s, ms and µs: 2 Hz, 10 Hz and 10 Hz.
 _LONGEST_STEPS: Final = (0.5, 100.0, 1e5)
-_AMBIGUOUS: Final = ("MN", "Mm", "Ms")  # capitals may mean mega, so these are not read in lower case
+_AMBIGUOUS: Final = ("MN", "Mm", "Ms")  # capitals may mean mega, so these are case-sensitive
 _BRACKETED: Final = re.compile(r"(.*?)[\s_]*[\[(]\s*([^\[\]()]*?)\s*[\])]")
 _SUFFIXED: Final = re.compile(r"(.*[^\s_/])(?:_|\s*/\s*|\s+)([A-Za-zµ°]+)")
 _LONGEST_WITH_UNIT: Final = 200
@@ -58,7 +58,7 @@ _SHOWN_CHARACTERS: Final = 60
 
 
 def split_unit(name: str) -> tuple[str, str, bool]:
-    """Return a column's name without unit, what may be its unit ("" if there is none), and whether in brackets."""
+    """Return a column's name without unit, its possible unit ("" if none), and whether that is in brackets."""
     name = name.strip().replace("\N{GREEK SMALL LETTER MU}", "\N{MICRO SIGN}")
     if len(name) > _LONGEST_WITH_UNIT:  # the expressions below take quadratic time
         return name, "", False
@@ -78,10 +78,10 @@ def factor_of(unit: str, units: Mapping[str, float]) -> float | None:
 
 
 def scale_of(name: str, units: Mapping[str, float], si_unit: str) -> tuple[float, str | None]:
-    """Return how many SI units one unit of a column is, and a note for the user if that is not certainly 1."""
+    """Return the SI value of one unit of a column, and a note for the user unless it is certainly 1."""
     _, unit, in_brackets = split_unit(name)
     factor = factor_of(unit, units) if unit else 1.0
-    # A suffix that is no known unit is a part of the name: force_left. In brackets it claims to be a unit.
+    # A suffix that is not a known unit is part of the name: force_left. In brackets it claims to be a unit.
     if factor is None:
         if in_brackets or unit in OTHER_UNITS:
             return 1.0, f'column "{name}": "{unit}" is not a known unit of this quantity; values are taken as {si_unit}'
@@ -90,7 +90,7 @@ def scale_of(name: str, units: Mapping[str, float], si_unit: str) -> tuple[float
 
 
 def find_columns(path: Path, names: Sequence[str], wanted: str) -> list[int]:
-    """Return the columns that `wanted` means: one, or all columns of an array of that name.
+    """Return the columns that `wanted` selects: one, or all columns of an array of that name.
 
     In this order: a column of exactly that name; the columns NAME.0, NAME.1, … of a two-dimensional array; a column
     that has this name before its unit; the column of that number, from 0. Raise FileError if there is none, or several.
@@ -112,7 +112,7 @@ def find_columns(path: Path, names: Sequence[str], wanted: str) -> list[int]:
 
 
 def find_column(path: Path, names: Sequence[str], wanted: str) -> int:
-    """Return the one column that `wanted` means; see `find_columns`."""
+    """Return the one column that `wanted` selects; see `find_columns`."""
     found = find_columns(path, names, wanted)
     if len(found) > 1:
         raise FileError(f'{path}: "{wanted}" has {len(found)} columns; choose one, such as {names[found[0]]}')
@@ -147,7 +147,7 @@ def find_times(names: Sequence[str]) -> int | None:
 def times_us(name: str, values: FloatArray) -> tuple[FloatArray, str | None]:
     """Return times in µs, shape (n,), and a note if the unit was found from the numbers.
 
-    A unit in the column's name is obeyed; SettingsError if it is in brackets and not one of time. Without one, numbers
+    A unit in the column's name is obeyed; SettingsError if it is in brackets but not of time. Without one, numbers
     of the size of a time since 1970 are read as that, in s, ms, µs or ns; others in the first of s, ms, µs and ns in
     which the median step is at most 0.5 s, 0.1 s or 0.1 s.
     """
@@ -176,7 +176,7 @@ def is_stamp(cell: str) -> bool:
 
 
 def stamp_us(cell: str) -> int | None:
-    """Return ISO 8601 as µs since 1970 (UTC without a zone) or midnight; `NO_STAMP` if empty, None if no stamp."""
+    """Return ISO 8601 as µs since 1970 (UTC without a zone) or midnight; `NO_STAMP` if empty, None if invalid."""
     cell = cell.strip()
     if not cell:
         return NO_STAMP

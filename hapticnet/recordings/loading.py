@@ -1,4 +1,4 @@
-"""One recording from a file: forces and positions with their times, in SI units, and what the user should know."""
+"""One recording from a file: forces and positions with their times, in SI units, and notes for the user."""
 
 import re
 from collections.abc import Mapping, Sequence
@@ -37,7 +37,7 @@ LARGEST_SCALE: Final = 1e9  # metres in one unit of position
 LATEST_US: Final = 2.0**53  # largest time stamp, 285 years: float64 counts whole microseconds up to here
 GAP_STEPS: Final = 5  # a gap is a step in time longer than this many median steps
 PEAK_SHARE: Final = 1e-3  # share of the samples that may be peaks, at least one sample
-PEAK_RATIO: Final = 10  # how many times farther from the median than the rest a peak is
+PEAK_RATIO: Final = 10  # ratio of a peak's distance from the median to the others'
 FEWEST_SAMPLES: Final = 10  # fewer samples are not searched for peaks
 
 
@@ -52,18 +52,18 @@ class Motion:
 
 @dataclass(frozen=True, slots=True)
 class Recording:
-    """A recorded force, and the motion that belongs to it if it was read."""
+    """A recorded force, and its motion if it was read."""
 
     t_us: IntArray
-    """Sampling times [µs], shape (n,), n ≥ 1, as in the file: stamps since 1970 remain so."""
+    """Sampling times [µs], shape (n,), n ≥ 1, as in the file: stamps since 1970 are kept."""
     force: FloatArray
     """Force [N], finite, shape (n, a) with 1 ≤ a ≤ 3."""
     position: FloatArray | None
-    """Position [m], finite, shape (n, a); None if none was asked for."""
+    """Position [m], finite, shape (n, a); None if not requested."""
     names: tuple[str, ...]
     """Names of the a force columns."""
     notes: tuple[str, ...]
-    """What the user should know, one sentence each: how times were read, units that were scaled, missing values, gaps,
+    """Notes for the user, one sentence each: how times were read, units that were scaled, missing values, gaps,
     repeated stamps, peaks."""
 
 
@@ -184,7 +184,7 @@ def _times(source: Source, time: str | None) -> int | None:
 
 
 def _choose(source: Source, columns: Columns | None, what: str, time_at: int | None) -> list[int]:
-    """Return the columns asked for, or those that can only be meant."""
+    """Return the requested columns, or the only possible ones."""
     if isinstance(columns, str):
         columns = [name.strip() for name in columns.split(",")]
     if columns is not None:
@@ -214,7 +214,7 @@ def _choice_note(
 
 
 def _check_apart(source: Source, uses: Mapping[str, Sequence[int | None]]) -> None:
-    """Raise SettingsError if a column is to be two things, or one thing twice."""
+    """Raise SettingsError if a column is used for two things, or twice for one."""
     used: dict[int, str] = {}
     for what, indices in uses.items():
         for index in indices:
@@ -228,7 +228,7 @@ def _check_apart(source: Source, uses: Mapping[str, Sequence[int | None]]) -> No
 
 
 def _named(names: Sequence[str], others: list[int], what: str) -> list[int]:
-    """Return the columns that are called what is wanted: position_m, pos_x [mm], run.position.0; force_n, force_x_n."""
+    """Return the columns named after a quantity, such as position_m, pos_x [mm], run.position.0; force_n, force_x_n."""
     for word in ("pos(ition)?",) if what == "position" else ("force", "received"):
         pattern = re.compile(rf"(^|\.){word}([_. ].*)?$")
         named = [index for index in others if pattern.search(split_unit(names[index])[0].lower())]
@@ -361,7 +361,7 @@ def time_notes(t_us: IntArray) -> list[str]:
 
 
 def _peak_note(values: FloatArray, what: str, unit: str) -> str | None:
-    """Return a note on values far outside the rest, shape (n, a); None if there are none.
+    """Return a note on outliers among values of shape (n, a); None if there are none.
 
     With m = `PEAK_SHARE` · n rounded down, but at least 1, a peak is a value whose distance from the median of its axis
     is more than `PEAK_RATIO` times the (m + 1)-th largest such distance. So at most m samples of an axis are peaks,

@@ -1,4 +1,4 @@
-"""What kind of file a recording is, told by its first bytes, and how each kind is opened."""
+"""Recognise the kind of a recording's file by its first bytes, and open it."""
 
 import zipfile
 from collections.abc import Callable

@@ -37,7 +37,7 @@ _OPEN_QUOTE: Final = "a quote is opened and not closed"
 _SEPARATORS: Final = ("\t", ";", ",", None)
 _MISSING: Final = frozenset(("", "nan", "na", "n/a", "null"))
 _UNITS: Final = frozenset((*FORCE_UNITS, *LENGTH_UNITS, *TIME_UNITS, *OTHER_UNITS))
-# White space does not part a name from its unit in brackets.
+# White space does not separate a name from its unit in brackets.
 _HEADER_SPACE: Final = re.compile(r" (?![\[(])")
 
 
@@ -71,11 +71,11 @@ def write_csv(target: Path | TextIO, columns: Mapping[str, Sequence[float] | NDA
 
 
 class _IrregularError(Exception):
-    """A line that NumPy's parser cannot read as this class does."""
+    """A line that NumPy's parser reads differently from this class."""
 
 
 class TextSource:
-    """A text table as columns, of which memory holds the requested ones; the others may contain anything.
+    """A text table as columns, with only the requested ones in memory; the others may contain anything.
 
     Blank lines and lines that start with ``#`` or ``%`` are skipped. `_find_layout` finds separators and header.
     """
@@ -128,7 +128,7 @@ class TextSource:
         return np.array(stamps, dtype=np.int64)
 
     def place(self, row: int) -> str:
-        """Return where a row is in the file, for a message."""
+        """Return the place of a row in the file, for a message."""
         number, _ = next(islice(self._rows(), row, None), (None, ""))
         return f"row {row}" if number is None else f"line {number}"
 
@@ -262,18 +262,18 @@ class Layout(NamedTuple):
     decimal_comma: bool  # numbers are known to have decimal commas
     names: tuple[str, ...]  # of the columns
     header_rows: int  # rows before the first row of data
-    notes: tuple[str, ...]  # what the user should know about how the file is read
+    notes: tuple[str, ...]  # notes for the user about how the file is read
 
 
 def _find_layout(path: Path, sample: Sequence[tuple[int, str]], comment: str) -> Layout:
     """Return the layout of a table; raise FileError if a quoted cell is not closed.
 
-    The separator is that of tab, semicolon, comma and white space that gives every line the same number of cells; if
+    The separator is whichever of tab, semicolon, comma and white space gives every line the same number of cells; if
     several do, the one that gives numbers rather than text, and then the one that gives most cells. If none does, it is
     the first of these that the first line has. Where it is not a comma, ``1,5`` is a number with a decimal comma.
 
     The first line is a header unless its cells are numbers, stamps or empty. Then the names come from a comment above
-    it if that has the same number of cells and no numbers, as `numpy.savetxt` writes it; otherwise they are "0", "1",
+    it if that has the same number of cells and no numbers, as written by `numpy.savetxt`; otherwise they are "0", "1",
     …. A row of units may follow the header. `sample` has number and text of the first lines that are not blank or
     comments, at least one; `comment` is the last comment line before them, or "".
     """
@@ -375,5 +375,5 @@ def _comment_names(comment: str, separator: str | None, width: int) -> tuple[str
     names = tuple(visible(cell.strip()).strip('"') for cell in _split_cells(text, separator, header=True))
     if len(names) != width or not all(names) or any(map(_is_number, names)):
         return None
-    # One word is rather a remark, unless it carries a unit.
+    # A single word is probably a remark, unless it has a unit.
     return names if width > 1 or split_unit(names[0])[1] in _UNITS else None

@@ -35,7 +35,7 @@ def real_time_device(
 ) -> Iterator[tuple[Device | UserActuator | None, Wire | None]]:
     """Yield the device written as `text` for real time, None for ``none``, and its wire if it has one.
 
-    `say` hears if a user's device cannot be closed. SettingsError, or UnavailableError without a simulator.
+    `say` is called if a user's device cannot be closed. SettingsError, or UnavailableError without a simulator.
     """
     if text == "none":
         yield None, None
@@ -51,7 +51,7 @@ def real_time_device(
     elif kind == "sim":
         yield SimulatedDevice(settings, _rng(seed)), None
     else:
-        simavr_build()  # fail here, with a clear message, rather than in a child process
+        simavr_build()  # fail here, with a clear message, instead of in a child process
         stiffness = settings.finger.stiffness_n_m / 1000.0
         child = Child(["device", "sim", "--seed", str(seed), "--stiffness", str(stiffness)])
         try:
@@ -93,13 +93,13 @@ def control_settings(profile: Profile) -> ForceControlSettings:
 
 
 def _user_class(text: str) -> UserClass | None:
-    """Return the class of the user's that `text` names; None if it is a device of hapticnet's own."""
+    """Return the user's class that `text` names; None for a device of hapticnet."""
     return None if text.partition(":")[0] in ("sim", "simavr", "serial") else find_user_class(text, "device")
 
 
 @contextmanager
 def _user_device(found: UserClass, say: Callable[[str], None]) -> Iterator[UserDevice | UserActuator]:
-    """Yield a device of the user's; at the end ask it for no force and call its ``close()``, if it has one."""
+    """Yield a user's device; at the end set its force to zero and call its ``close()``, if any."""
     device = as_user_device(found.make(), found.label)
     try:
         yield device

@@ -1,4 +1,4 @@
-"""What ``hapticnet doctor`` finds: whether this machine can run a slave and a master, and what helps if not."""
+"""The checks of ``hapticnet doctor``: whether this machine can run a slave and a master, and remedies if not."""
 
 import asyncio
 import grp
@@ -26,11 +26,11 @@ from hapticnet.runtime.system import FIFO_PRIORITY, loop_factory, policy
 from hapticnet.runtime.timer import Alarm
 from hapticnet.runtime.udp import RECEIVE_BUFFER_BYTES
 
-SCHEMA: Final = 2  # version of the JSON report. It grows when a key or a verdict changes its meaning or goes away
-MOST_BYTES: Final = 256 * 1024  # of a file that is read
+SCHEMA: Final = 2  # version of the JSON report. It grows when a key or a verdict changes meaning or is removed
+MOST_BYTES: Final = 256 * 1024  # most bytes of a file that are read
 ENOUGH_CPUS: Final = 1.0
-FEWEST_CPUS: Final = 0.25  # of a control group: a master takes 0.07, and three times that while it starts
-GRABBERS: Final = {  # programs that take serial ports, what they do, and what stops them
+FEWEST_CPUS: Final = 0.25  # CPUs of a control group: a master takes 0.07, and three times that while it starts
+GRABBERS: Final = {  # programs that grab serial ports, their effect, and how to stop them
     "brltty": ("It takes USB adapters for Braille displays, and their ports disappear.", "sudo apt-get remove brltty"),
     "ModemManager": (
         "It looks for modems on serial ports, and writes to them.",
@@ -44,7 +44,7 @@ TRIAL_S: Final = 3.0
 LATE_US: Final = 250.0, 1000.0  # good and acceptable lateness of ticks
 
 ROUND_TRIP_US: Final = 1000.0, 5000.0  # the same of the round trip: before the next position, and five ticks
-MISSED: Final = LARGEST_MISSED_SHARE, 0.05  # what a master warns of, and where the motion has gaps all the time
+MISSED: Final = LARGEST_MISSED_SHARE, 0.05  # a master warns above the first; above the second, motion has constant gaps
 
 
 class Verdict(StrEnum):
@@ -69,10 +69,10 @@ class Finding(NamedTuple):
     id: str  # subject and name, such as timing.timer
     title: str  # the same for a person
     verdict: Verdict
-    value: str  # what was found
-    meaning: str = ""  # what follows from it; empty if nothing does
+    value: str  # the value found
+    meaning: str = ""  # its consequence; empty if there is none
     to_do: tuple[Step, ...] = ()  # the best remedy first
-    scale: str = ""  # what counts as good and as acceptable; empty if that is obvious
+    scale: str = ""  # limits of good and acceptable; empty if obvious
 
     @property
     def subject(self) -> str:
@@ -101,7 +101,7 @@ def as_json(findings: Sequence[Finding]) -> dict[str, Any]:
 
 
 def grade(value: float, good: float, acceptable: float) -> Verdict:
-    """Return the verdict on a value of which less is better."""
+    """Return the verdict on a value for which less is better."""
     if value <= good:
         return Verdict.OK
     return Verdict.WARNING if value <= acceptable else Verdict.PROBLEM
@@ -117,14 +117,14 @@ def duration(seconds: float) -> str:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Machine:
-    """A machine, or a folder that stands for one. Nothing on it is changed."""
+    """A machine, or a folder that imitates one. It is never changed."""
 
     root: Path = Path("/")  # holds proc, sys, dev and so on
     environ: Mapping[str, str] = field(default_factory=lambda: dict(os.environ))
     access: Callable[[Path, int], bool] = os.access
 
     def path(self, path: str) -> Path:
-        """Return where an absolute path is on this machine."""
+        """Return the location of an absolute path on this machine."""
         return self.root / path.lstrip("/")
 
     def text(self, path: str) -> str:
@@ -141,13 +141,13 @@ class Machine:
 
     @property
     def container(self) -> bool:
-        """Whether there is a sign that this process runs in a container."""
+        """Whether there is evidence that this process runs in a container."""
         marks = any(self.path(path).exists() for path in ("/.dockerenv", "/run/.containerenv"))
         return marks or bool({"container", "KUBERNETES_SERVICE_HOST"} & set(self.environ))
 
 
 FIND: Final = Step("Plug it in, and list the ports:", "hapticnet device find")
-Probe: TypeAlias = tuple[str, Callable[[], list[Finding]]]  # a subject, and what examines it
+Probe: TypeAlias = tuple[str, Callable[[], list[Finding]]]  # a subject and its probes
 
 
 def probes(machine: Machine, *, serial: SerialSpec | None = None, simavr: bool = False) -> list[Probe]:
@@ -163,7 +163,7 @@ def probes(machine: Machine, *, serial: SerialSpec | None = None, simavr: bool =
 
 
 def examine(chosen: Sequence[Probe], on_start: Callable[[str], None] = lambda _: None) -> Iterator[Finding]:
-    """Run probes and yield their findings; tell each subject to `on_start` before it is examined."""
+    """Run probes and yield their findings; call `on_start` with each subject before its probes run."""
     for subject, probe in chosen:
         on_start(subject)
         try:
@@ -192,7 +192,7 @@ def judge_timer() -> Finding:
 
 
 def try_fifo() -> str | None:
-    """Take SCHED_FIFO for this thread for an instant; return why it was refused, or None."""
+    """Switch this thread to SCHED_FIFO briefly; return why it was refused, or None."""
     if not sys.platform.startswith("linux"):
         return "this system does not have it"
     before, parameters = os.sched_getscheduler(0), os.sched_getparam(0)  # 0 is the calling thread
@@ -205,7 +205,7 @@ def try_fifo() -> str | None:
 
 
 def judge_scheduling(machine: Machine, refusal: str | None, limits: tuple[float, float]) -> Finding:
-    """Judge the scheduling class by why SCHED_FIFO is refused, and by the soft and hard limit of priorities."""
+    """Judge the scheduling class by the refusal of SCHED_FIFO and by the soft and hard limit of priorities."""
     named = "timing.scheduling", "Scheduling class"
     if refusal is None:
         return Finding(*named, Verdict.OK, f"SCHED_FIFO {FIFO_PRIORITY} is granted")
@@ -243,7 +243,7 @@ def _cpus() -> Finding:
 
 
 def judge_cpus(usable: int, total: int) -> Finding:
-    """Judge the number of CPUs this process may use, of those there are."""
+    """Judge how many of the CPUs this process may use."""
     named = "processor.count", "CPUs"
     value = str(usable) if usable == total else f"{usable} of {total} may be used"
     if usable > 1:
@@ -251,7 +251,7 @@ def judge_cpus(usable: int, total: int) -> Finding:
     step = Step("Give the machine or container two.")
     if total > usable:
         step = Step("Give hapticnet more CPUs:", f"taskset -c 0-{total - 1} hapticnet …")
-    return Finding(*named, Verdict.WARNING, value, "Ticks wait for whatever else runs on the only CPU.", (step,))
+    return Finding(*named, Verdict.WARNING, value, "Ticks wait for everything else that runs on the only CPU.", (step,))
 
 
 def judge_limit(machine: Machine) -> Finding:
@@ -267,26 +267,26 @@ def judge_limit(machine: Machine) -> Finding:
     if cpus >= ENOUGH_CPUS:
         return Finding(*named, Verdict.OK, f"{cpus:.3g} CPUs")
     verdict = Verdict.WARNING if cpus >= FEWEST_CPUS else Verdict.PROBLEM
-    meaning = "A process that has used up its share stands still for the rest of each period, up to 100 ms."
+    meaning = "A process that has used up its share pauses for the rest of each period, up to 100 ms."
     step = Step("Give it more: CPUQuota= of a systemd service, or", "docker run --cpus 2 …")
     scale = f"good: at least {ENOUGH_CPUS:g} CPU; acceptable: {FEWEST_CPUS:g}"
     return Finding(*named, verdict, f"{cpus:.3g} CPUs", meaning, (step,), scale)
 
 
 def granted_bytes() -> int:
-    """Return the receive buffer that a slave is granted [B]. The kernel says twice that, for its bookkeeping."""
+    """Return the receive buffer that a slave is granted [B]. The kernel reports twice that, for its bookkeeping."""
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sock:
         sock.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, RECEIVE_BUFFER_BYTES)
         return sock.getsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF) // 2
 
 
 def judge_buffer(granted: int, *, on_host: bool = False) -> Finding:
-    """Judge the receive buffer by what was granted [B]; `on_host`: the limit is the host's of this container."""
+    """Judge the receive buffer by the granted size [B]; `on_host`: the limit belongs to this container's host."""
     named, asked = ("network.receive_buffer", "Receive buffer"), RECEIVE_BUFFER_BYTES
     if granted >= asked:
         return Finding(*named, Verdict.OK, f"{granted // 1024} KiB, as asked for")
     value, setting = f"{granted // 1024} of the {asked // 1024} KiB asked for", f"net.core.rmem_max={asked}"
-    meaning = "A slave with many masters that stands still for a moment loses datagrams."
+    meaning = "A slave with many masters that pauses for a moment loses datagrams."
     where = " on the host" if on_host else ""
     steps = (
         Step(f"Raise the limit{where} until the next boot:", f"sudo sysctl -w {setting}"),
@@ -296,11 +296,11 @@ def judge_buffer(granted: int, *, on_host: bool = False) -> Finding:
 
 
 def judge_ports(machine: Machine, ports: Sequence[FoundPort], wanted: SerialSpec | None = None) -> list[Finding]:
-    """Judge the wanted port or those that may be the device, and programs that take ports. No port is opened."""
+    """Judge the wanted or likely ports, and programs that grab ports. No port is opened."""
     likely = [port for port in ports if port.likely]
     path = None if wanted is None else wanted.path
     if path is not None:
-        # A port that is not listed, such as a pseudo-terminal, may exist all the same.
+        # A port that is not listed, such as a pseudo-terminal, may still exist.
         names = [port.name for port in ports if path in (port.path, port.name)] or [path]
     else:
         names = [port.name for port in likely]
@@ -392,14 +392,14 @@ def run_trial(duration_s: float = TRIAL_S) -> dict[str, Any]:
 
 
 def judge_trial(report: Mapping[str, Any]) -> list[Finding]:
-    """Judge what the master's report says: round trip, ticks and missed ticks."""
+    """Judge the master's report: round trip, ticks and missed ticks."""
     round_trip, lateness, scheduling = report["round_trip"], report["lateness"], policy(report["scheduling"])
     if round_trip["p99_us"] is None or lateness["p99_us"] is None:
         return [judge_failure("the slave answered no position")]
     missed = report["missed_ticks"]
     due = report["ticks"] + missed
     busy = Step("See what else is busy, and look again:", "ps -eo pcpu,pid,user,comm --sort=-pcpu | head")
-    permit = Step("Permit SCHED_FIFO, as said under scheduling class above: its ticks do not wait for others.")
+    permit = Step("Permit SCHED_FIFO, see scheduling class above: ticks then do not wait for others.")
     steps = (busy,) if scheduling.startswith("SCHED_FIFO") else (permit, busy)
 
     def finding(
@@ -431,7 +431,7 @@ def judge_trial(report: Mapping[str, Any]) -> list[Finding]:
 def judge_failure(reason: str) -> Finding:
     """Return the finding of a trial that gave no measurement."""
     meaning = "Unless the reason lies in this trial, a session between two hosts fails in the same way."
-    step = Step("See what the slave says:", "hapticnet slave --listen 127.0.0.1:0 --duration 5")
+    step = Step("See the slave's messages:", "hapticnet slave --listen 127.0.0.1:0 --duration 5")
     value = f"no session over loopback: {reason}"
     return Finding("measured.trial", "Slave and master", Verdict.PROBLEM, value, meaning, (step,))
 

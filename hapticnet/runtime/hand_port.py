@@ -14,7 +14,7 @@ from hapticnet.runtime.watching import Watcher
 
 PERIOD_S: Final = 0.001
 MOST_IN_A_PERIOD: Final = 8  # datagrams, 8 µs each, so that a flood delays no tick
-BUFFER_BYTES: Final = 16 * 1024  # receive buffer [B] for some 40 positions: even in a flood, they are milliseconds old
+BUFFER_BYTES: Final = 16 * 1024  # receive buffer [B] for about 40 positions: even in a flood, they are milliseconds old
 
 
 class HandPort(Watcher[NodeEvent]):
@@ -59,7 +59,7 @@ class HandPort(Watcher[NodeEvent]):
         self._loop.add_reader(self._sock.fileno(), self._read)
 
     def _read(self) -> None:
-        """Read what has arrived, but no more than `MOST_IN_A_PERIOD`: the system drops the rest of a flood."""
+        """Read arrived datagrams, but at most `MOST_IN_A_PERIOD`: the system drops the rest of a flood."""
         now = now_us()
         if now - self._period_us >= PERIOD_S * 1e6:
             self._period_us, self._count = now, 0

@@ -1,4 +1,4 @@
-"""``--metrics``: figures of a running node for Prometheus, served by a process of its own."""
+"""``--metrics``: figures of a running node for Prometheus, served by a separate process."""
 
 import asyncio
 import json
@@ -27,7 +27,7 @@ Values: TypeAlias = dict[str, float | dict[str, float]]
 
 
 class Metric(NamedTuple):
-    """One metric: its name without the prefix ``hapticnet_``, and its value from a `Metrics` that has added up."""
+    """One metric: its name without the prefix ``hapticnet_``, and its value from a summed `Metrics`."""
 
     name: str
     kind: str  # counter, gauge or histogram
@@ -37,17 +37,17 @@ class Metric(NamedTuple):
 
 
 def both_ways(sent: str, received: str) -> "Callable[[Metrics], Any]":
-    """Return what gives two totals by direction."""
+    """Return a getter of two totals by direction."""
     return lambda of: {"sent": of.totals[sent], "received": of.totals[received]}
 
 
 def of_master(value: Callable[[MasterNode], Any]) -> "Callable[[Metrics], Any]":
-    """Return what gives a value of the node of a master."""
+    """Return a getter of a value of a master's node."""
     return lambda of: value(cast("MasterNode", of.node))
 
 
 def of_slave(value: Callable[[SlaveNode], Any]) -> "Callable[[Metrics], Any]":
-    """Return what gives a value of the node of a slave."""
+    """Return a getter of a value of a slave's node."""
     return lambda of: value(cast("SlaveNode", of.node))
 
 
@@ -57,7 +57,7 @@ COMMON: Final = (
     Metric("wire_bytes", "counter", "Bytes of these datagrams with UDP and IPv4 headers.",
            both_ways("sent_bytes", "received_bytes"), "direction"),
     Metric("datagrams_lost", "counter", "Datagrams of peers that did not arrive.", lambda of: of.totals["lost"]),
-    Metric("datagrams_dropped", "counter", "Datagrams that arrived and were not used.",
+    Metric("datagrams_dropped", "counter", "Datagrams that arrived but were not used.",
            lambda of: {reason: of.totals[reason] for reason in DROPPED}, "reason"),
     Metric("queue_age_seconds", "histogram", "Time from arrival at this machine until a datagram is read.",
            lambda of: of.overload.port.queue.age if of.overload.port else None),
@@ -103,7 +103,7 @@ SLAVE: Final = (
            lambda of: {"sent": of.totals["forces"]}, "direction"),
     Metric("sessions", "gauge", "Sessions at this moment.", of_slave(lambda node: len(node.contexts))),
     Metric("steps", "counter", "Positions answered.", lambda of: of.totals["steps"]),
-    Metric("draining", "gauge", "1 while new masters are refused because the slave is to stop, else 0.",
+    Metric("draining", "gauge", "1 while new masters are refused because the slave is about to stop, else 0.",
            of_slave(lambda node: float(node.draining))),
     Metric("unknown_peers_datagrams", "counter", "Datagrams of no session.",
            of_slave(lambda node: {"received": node.unknown_peers.packets, "sent": node.to_unknown_peers.packets}),
@@ -116,9 +116,9 @@ TABLES: Final = {"master": MASTER, "slave": SLAVE}
 
 
 class Metrics(Watcher[NodeEvent | SlaveEvent]):
-    """The metrics of a master, or of all sessions of a slave together, served at `address`; port 0 takes a free one.
+    """The metrics of a master, or of all sessions of a slave together, served at `address`; port 0 means a free one.
 
-    `tell` hears if the serving process fails. UnavailableError without prometheus-client or if the address is taken.
+    `tell` is called if the server fails. UnavailableError without prometheus-client, or if the address is taken.
     """
 
     name = "metrics"
@@ -137,7 +137,7 @@ class Metrics(Watcher[NodeEvent | SlaveEvent]):
         self.overload = overload
         self.events: Counter[str] = Counter()
         self.totals: Counter[str] = Counter()
-        self._ended: Counter[str] = Counter()  # of the sessions that have ended
+        self._ended: Counter[str] = Counter()  # of ended sessions
         self._tell = tell
         self._process: SideProcess | None = None
         self._turn = 0
@@ -153,7 +153,7 @@ class Metrics(Watcher[NodeEvent | SlaveEvent]):
         self._send()
 
     def note(self, event: NodeEvent | SlaveEvent, now_us: int) -> None:  # noqa: ARG002
-        """Count an event, and keep the account of a session of a slave that has ended."""
+        """Count an event, and keep the totals of a slave's ended session."""
         self.events[type(event).__name__] += 1
         if isinstance(event, MasterLeft):
             self._ended.update(_totals(event.context.session, event.context.steps))
@@ -193,7 +193,7 @@ class Metrics(Watcher[NodeEvent | SlaveEvent]):
         if process is None or not self._check_process(process):
             return
         process.pump()
-        if process.waiting_bytes:  # it is too far behind: leave this time out
+        if process.waiting_bytes:  # it is too far behind: skip this time
             return
         distributions = list(self.distributions().items())
         self._turn = (self._turn + 1) % len(distributions)
@@ -202,15 +202,15 @@ class Metrics(Watcher[NodeEvent | SlaveEvent]):
         process.pump()
 
     def _check_process(self, process: SideProcess) -> bool:
-        """Return whether the serving process runs; if it has ended, tell it once."""
+        """Return whether the serving process runs; if it has ended, report that once."""
         if (code := process.exit_code) is not None and not self._told:
             self._told = True
-            self._tell(f"the process of --metrics has ended unexpectedly (exit code {code}); the run goes on")
+            self._tell(f"the process of --metrics has ended unexpectedly (exit code {code}); the run continues")
         return code is None
 
 
 def news(values: Values, **distributions: Distribution) -> bytes:
-    """Return the line that tells the serving process values, and distributions by name."""
+    """Return the line with values and distributions, by name, for the serving process."""
     counts = {name: each.counts() for name, each in distributions.items()}
     return json.dumps([values, counts]).encode() + b"\n"
 

@@ -1,4 +1,4 @@
-"""The process of ``--metrics``: it reads figures from its standard input (first what they are) and serves them.
+"""The process of ``--metrics``: it reads figures from its standard input (their definitions first) and serves them.
 
 ``/metrics`` is for Prometheus; ``/health`` answers 503 if nothing has come for `STALE_S`, else 200.
 """
@@ -41,7 +41,7 @@ class Figures(Collector):
         self._histograms: dict[str, dict[str, int]] = {}
 
     def take(self, line: bytes) -> None:
-        """Take in a line from `metrics.news`."""
+        """Process a line from `metrics.news`."""
         self.heard_s = time.monotonic()
         self._values, counts = json.loads(line)
         self._histograms |= counts
@@ -110,7 +110,7 @@ def serve(sock: socket.socket, figures: Figures, registry: CollectorRegistry) ->
         address_family = sock.family
 
         def handle_error(self, *arguments: object) -> None:
-            """Let a client that has gone be."""
+            """Ignore a client that has gone."""
 
     server = Server(sock.getsockname()[:2], Handler, bind_and_activate=False)
     server.socket.close()
@@ -128,7 +128,7 @@ def main() -> None:
     server = serve(socket.socket(fileno=int(descriptor)), figures, registry)
     threading.Thread(target=server.serve_forever, daemon=True).start()
     for line in sys.stdin.buffer:
-        if line.endswith(b"\n"):  # else the node was killed in the middle of it
+        if line.endswith(b"\n"):  # otherwise the node was killed while writing it
             figures.take(line)
 
 

@@ -117,8 +117,8 @@ class Simavr:
         self._process.wait()
 
 
-SLICE_US: Final = 1_000  # interval [µs] at which the converter's voltage follows the plant: that of the firmware's mean
-LONGEST_GAP_US: Final = 2_000_000  # longest gap [µs] simulated: the firmware has retracted, servos rest
+SLICE_US: Final = 1_000  # interval [µs] of the converter's voltage: the window of the firmware's mean
+LONGEST_GAP_US: Final = 2_000_000  # longest gap [µs] simulated: by then the firmware has retracted and the servos rest
 SHORTEST_PULSE_US: Final = 500.0
 LONGEST_PULSE_US: Final = 2_500.0  # limits [µs] of a hobby servo's pulses; a reset may cut one short
 SUPPLY_MV: Final = 5_000.0  # full scale of the converter [mV], whose reference is the supply
@@ -148,7 +148,7 @@ class Board:
         self.plant.advance(now_us)
 
     def advance(self, now_us: int, data: bytes = b"") -> bytes:
-        """Advance to `now_us`, by a slice at most; take in `data` at its start, and return the output."""
+        """Advance to `now_us`, by at most a slice; pass in `data` at its start, and return the output."""
         plant = self.plant
         counts = plant.level_counts()
         if self.sensor is not None:
@@ -178,7 +178,7 @@ class Board:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Disturbance:
-    """Disturbance of what the host writes. Raises SettingsError if a value is out of range."""
+    """Disturbance of the host's writes. Raises SettingsError if a value is out of range."""
 
     delay_us: int = 0  # delay [µs]
     loss: float = 0.0  # share of writes that are lost (0 to 1), requests included
@@ -269,7 +269,7 @@ class SimulatedNano(Device):
         self._now_us = now_us
 
     def _arriving(self, now_us: int) -> bytes:
-        """Take what the host writes, and return what reaches the board."""
+        """Accept the host's writes, and return the bytes that reach the board."""
         data = self.wired.bytes_to_send()
         disturbance = self._disturbance
         if data and not (disturbance.loss and self._loss_rng.random() < disturbance.loss):
@@ -280,7 +280,7 @@ class SimulatedNano(Device):
         return arriving
 
 
-MOST_CATCH_UP_US: Final = 50_000  # longest stall [µs] that is made up for; the rest of a longer one is skipped
+MOST_CATCH_UP_US: Final = 50_000  # longest stall [µs] that is caught up; the rest of a longer one is skipped
 TERMINALS: Final = "/dev/pts/"  # directory of pseudo-terminals: pts(4)
 MOST_READ_BYTES: Final = 4096  # largest number of bytes read at a time: the capacity of a pseudo-terminal
 

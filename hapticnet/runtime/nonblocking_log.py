@@ -23,7 +23,7 @@ from hapticnet.runtime.system import now_us, start_background
 
 
 class Level(Enum):
-    """How serious a line is."""
+    """The severity of a line."""
 
     INFO = "info"
     WARNING = "warning"
@@ -31,10 +31,10 @@ class Level(Enum):
 
 
 class Form(Enum):
-    """How a line is written."""
+    """The form of a line."""
 
-    PLAIN = "plain"  # ``master: link stale``, for commands that a person waits for
-    STAMPED = "stamped"  # ``2026-11-22T08:17:50.123Z warning master: link stale``, for processes that run for long
+    PLAIN = "plain"  # ``master: link stale``, for interactive commands
+    STAMPED = "stamped"  # ``2026-11-22T08:17:50.123Z warning master: link stale``, for long-running processes
     JSON = "json"  # one JSON object per line, for log collectors
     JOURNAL = "journal"  # ``<4>master: link stale``: the journal adds the time itself (sd-daemon(3))
 
@@ -44,17 +44,17 @@ PRIORITIES: Final = {Level.INFO: 6, Level.WARNING: 4, Level.ERROR: 3}  # the lev
 
 @dataclass(frozen=True, slots=True)
 class LogLine:
-    """A message to whoever watches a process."""
+    """A message to the observer of a process."""
 
     text: str
-    who: str  # part of the program that says it
+    who: str  # part of the program that sends it
     level: Level = Level.INFO
-    event: str | None = None  # name of the event that it tells, for programs
-    fields: Mapping[str, Any] | None = None  # what the event is about, for programs: master, address, codec
-    time_s: float = field(default_factory=time.time)  # Unix time at which it was said, maybe long before it is written
+    event: str | None = None  # name of its event, for programs
+    fields: Mapping[str, Any] | None = None  # subject of the event, for programs: master, address, codec
+    time_s: float = field(default_factory=time.time)  # Unix time of the message, possibly long before it is written
 
     def write(self, form: Form) -> str:
-        """Return the line, with its line end. Nothing in it speaks to a terminal, whatever file or peer it quotes."""
+        """Return the line, with its line end. It has no control characters, even if it quotes a file or peer."""
         text = visible(self.text)
         if form is Form.JSON:
             fields: dict[str, Any] = {"time": self._stamp(), "level": self.level.value, "source": self.who}
@@ -85,10 +85,10 @@ def is_journal(environment: Mapping[str, str], descriptor: int) -> bool:
 
 LINES_PER_S: Final = 20.0
 MOST_AT_ONCE: Final = 100  # limits of the lines of a process: a hundred masters may join together
-MOST_WAITING: Final = 1000  # most lines that wait for the reader; further ones are left out
-SUMMARY_EVERY_S: Final = 1.0  # time [s] between two lines that tell how many were left out
-PARTING_S: Final = 0.5  # time [s] that a process waits at its end for the reader of its last lines
-CHUNK_BYTES: Final = 4096  # bytes handed over at once when progress is watched; a pipe takes this many or none
+MOST_WAITING: Final = 1000  # most lines that wait for the reader; further ones are omitted
+SUMMARY_EVERY_S: Final = 1.0  # time [s] between two lines that count the omitted ones
+PARTING_S: Final = 0.5  # time [s] that an ending process waits for the reader of its last lines
+CHUNK_BYTES: Final = 4096  # bytes written at once while progress is watched; a pipe accepts this many or none
 _ERASE: Final = "\r\x1b[2K"  # return to the start of the line and erase it (ECMA-48 EL)
 
 
@@ -99,7 +99,7 @@ class NonblockingLog:
     """
 
     def __init__(self, stream: Callable[[], TextIO | None]) -> None:
-        self.left_out = 0  # lines that were not written: too many a second, or the reader paused for too long
+        self.left_out = 0  # omitted lines: too many a second, or the reader paused for too long
         self.form = Form.PLAIN  # how lines are written
         self._stream = stream
         self._queue: SimpleQueue[Callable[[], None]] | None = None
@@ -129,7 +129,7 @@ class NonblockingLog:
             self._who = line.who
 
     def status(self, text: str) -> None:
-        """Replace the status line below all other lines; without text, remove it. Only the newest has to be written."""
+        """Replace the status line below all other lines; without text, remove it. Only the newest must be written."""
         self._status = text
         if not self._status_due:
             self._status_due = True
@@ -139,7 +139,7 @@ class NonblockingLog:
                 self._queue.put(self._write_status)
 
     def drain(self) -> bool:
-        """Wait until all is out; return False if the reader took nothing for `PARTING_S`. Wait in vain only once."""
+        """Wait until all is written; return False if the reader read nothing for `PARTING_S`. Time out only once."""
         if self._queue is None:
             return True
         written = threading.Event()
@@ -207,7 +207,7 @@ STDERR: Final = NonblockingLog(lambda: sys.stderr)  # all messages of this proce
 
 
 class _LogHandler(logging.Handler):
-    """What asyncio reports about a callback that raised."""
+    """Asyncio's report of a callback that raised."""
 
     def emit(self, record: logging.LogRecord) -> None:
         level = Level.ERROR if record.levelno >= logging.ERROR else Level.WARNING
@@ -227,7 +227,7 @@ def keep_log() -> None:
 
 
 def write_watched(stream: TextIO, text: str, stall_s: float) -> None:
-    """Write a text; raise FileError if the reader takes nothing of it for `stall_s` [s], OSError if it is gone."""
+    """Write a text; raise FileError if the reader reads nothing for `stall_s` [s], OSError if it is gone."""
     try:
         number = stream.fileno()
     except (OSError, ValueError):

@@ -1,4 +1,4 @@
-"""Signs that this machine is too busy: told on the console while they last, and kept for the report."""
+"""Signs that this machine is too busy: shown on the console while they last, and kept for the report."""
 
 from collections.abc import Callable, Mapping
 from typing import Any, Final
@@ -10,8 +10,8 @@ from hapticnet.runtime.timer import Ticker
 from hapticnet.runtime.udp import UdpPort
 
 WINDOW_US: Final = 900_000  # least time [µs] over which ages and missed ticks are judged
-LARGEST_QUEUE_AGE_US: Final = 5_000  # age [µs] of datagrams, 99th percentile, above which the user is told
-LARGEST_MISSED_SHARE: Final = 0.01  # share of missed ticks above which the user is told
+LARGEST_QUEUE_AGE_US: Final = 5_000  # age [µs] of datagrams, 99th percentile, above which the user is warned
+LARGEST_MISSED_SHARE: Final = 0.01  # share of missed ticks above which the user is warned
 TELL_EVERY_US: Final = 10_000_000  # time [µs] between two lines about the same sign
 
 
@@ -33,7 +33,7 @@ class Overload:
             say(f"no real-time scheduling, so a busy machine disturbs it: {refusal.removesuffix(')')}")
 
     def attach(self, port: UdpPort, ticker: Ticker | None = None, times: StepTimes | None = None) -> None:
-        """Set what is watched, and the times of steps, which may be the cause."""
+        """Set the watched socket and ticker, and the times of steps, which may be the cause."""
         self.port, self.ticker, self._times = port, ticker, times
 
     @property
@@ -42,18 +42,18 @@ class Overload:
         return policy(self.scheduling) != OTHER
 
     def check(self, now_us: int) -> None:
-        """Tell what is wrong, if anything; call this a few times a second."""
+        """Report problems, if any; call this a few times a second."""
         if self.port is None or (self._since_us is not None and now_us - self._since_us < WINDOW_US):
             return
         starts = self._since_us is None
         self._since_us = now_us
         ages = sorted(self.port.queue.take_ages())
         missed, ticks = self._count_ticks()
-        if starts:  # what happened while the process started is no overload
+        if starts:  # events during the start are not overload
             self._dropped = self.port.queue.count_drops()
             return
         if self._times is not None and self._times.explains_delay:
-            return  # the machine is not the cause; the node tells what is
+            return  # the machine is not the cause; the node reports the cause
         # A single late datagram is a hiccup, not a queue.
         if len(ages) > 1 and (age_us := ages[-max(2, len(ages) // 100 + 1)]) > LARGEST_QUEUE_AGE_US:
             self._tell("age", now_us, f"datagrams wait {age_us / 1000:.1f} ms until this process reads them")
@@ -66,7 +66,7 @@ class Overload:
             self._dropped = dropped
 
     def report(self) -> dict[str, Any]:
-        """Return the account for JSON, over the whole run; None for what does not apply."""
+        """Return the report for JSON, over the whole run; None where not applicable."""
         ages = self.port.queue.age if self.port is not None else None
         ticker = self.ticker
         return {
@@ -98,7 +98,7 @@ class Overload:
 
 
 def signs(account: Mapping[str, Any]) -> list[str]:
-    """Return what in the `report` of a whole run shows that the machine was too busy, in words."""
+    """Return the signs, in words, of a too busy machine in the `report` of a whole run."""
     found = []
     age_us, missed, drops = account["queue_age_p99_us"], account["missed_share"], account["kernel_drops"]
     if missed is not None and missed > LARGEST_MISSED_SHARE:

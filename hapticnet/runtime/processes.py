@@ -1,4 +1,4 @@
-"""Processes beside this one, which end with it: how they are started, fed, read and ended."""
+"""Helper processes, which end with this one: start, feed, read and end them."""
 
 import ctypes
 import fcntl
@@ -18,13 +18,13 @@ SAFE_PATH: Final = "PYTHONSAFEPATH"  # has the effect of -P: Python does not sea
 
 
 def python_command(*arguments: str) -> list[str]:
-    """Return the command line of a Python process, which takes no modules from the working folder (-P)."""
+    """Return the command line of a Python process, which imports no modules from the working folder (-P)."""
     return [sys.executable, "-P", *arguments]
 
 
 @contextmanager
 def safe_path() -> Iterator[None]:
-    """Have the same for what multiprocessing starts in this context: its command lines are not ours."""
+    """Do the same for processes of multiprocessing in this context: their command lines are not ours."""
     before = os.environ.get(SAFE_PATH)
     os.environ[SAFE_PATH] = "1"
     try:
@@ -44,11 +44,11 @@ POLL_S: Final = 0.01
 class SideProcess:
     """A child process at normal priority, a module fed through its standard input; it ends when that is closed.
 
-    Nobody waits for it, and a Ctrl-C does not reach it. Raises UnavailableError if it cannot be started.
+    It never blocks its parent, and a Ctrl-C does not reach it. Raises UnavailableError if it cannot be started.
     """
 
     def __init__(self, module: str, *arguments: str, descriptors: Sequence[int] = ()) -> None:
-        self.waiting_bytes = 0  # bytes that the pipe has not taken yet
+        self.waiting_bytes = 0  # bytes that the pipe has not accepted yet
         self._waiting: deque[memoryview] = deque()
         self._partial = b""
         try:
@@ -79,13 +79,13 @@ class SideProcess:
         return self._process.poll()
 
     def put(self, data: bytes | memoryview) -> None:
-        """Line up bytes, which must not change any more; `pump` passes them on."""
+        """Queue bytes, which must not change any more; `pump` passes them on."""
         view = memoryview(data)
         self._waiting.append(view)
         self.waiting_bytes += view.nbytes
 
     def pump(self) -> None:
-        """Pass on what the pipe takes now, without waiting. If the process has ended, nothing waits any more."""
+        """Pass on as much as the pipe accepts now, without waiting. If the process has ended, drop the queue."""
         written = 0
         try:
             while self._waiting and written < MOST_AT_ONCE:
@@ -103,7 +103,7 @@ class SideProcess:
             self.drop()
 
     def drop(self) -> None:
-        """Forget what waits."""
+        """Drop the queue."""
         self._waiting.clear()
         self.waiting_bytes = 0
 
@@ -117,7 +117,7 @@ class SideProcess:
         return lines
 
     def finish(self, within_s: float) -> bool:
-        """Pass on what waits, close the input and wait for the end for `within_s` [s]; return whether it came."""
+        """Pass on the queue, close the input and wait up to `within_s` [s] for the end; return whether it came."""
         end_s = time.monotonic() + within_s
         while self.exit_code is None:
             self.pump()
@@ -146,9 +146,9 @@ def _normal_priority() -> None:
 
 LISTENING: Final = "listening on "  # start of a slave's message that it can be reached, before its address and a comma
 END_WITHIN_S: Final = 5.0
-# Environment variables that name keys. They are for sessions with other hosts; children serve this one.
+# Environment variables that name keys. They are for sessions with other hosts; children serve this host.
 KEY_VARIABLES: Final = ("HAPTICNET_KEY", "HAPTICNET_PEER_KEY", "HAPTICNET_MASTERS")
-# Starts of environment variables that set options of what the user starts; children get theirs as arguments.
+# Prefixes of environment variables that set options of the user's commands; children get options as arguments.
 OPTION_VARIABLES: Final = ("HAPTICNET_CONFIG", "HAPTICNET_MASTER_", "HAPTICNET_SLAVE_", "HAPTICNET_CHANNEL_")
 PR_SET_PDEATHSIG: Final = 1  # option of prctl(2) on Linux: receive a signal when the parent dies, for whatever reason
 
@@ -189,7 +189,7 @@ class Child:
         raise UnavailableError(f"'{self._command}' ended before it listened: {'; '.join(said)}")
 
     def lines(self) -> Iterator[str]:
-        """Yield the lines that the process says, as they come, until it ends."""
+        """Yield the lines of the process as they come, until it ends."""
         assert self._process.stderr is not None  # noqa: S101 - for the type checker: stderr is a pipe
         for line in self._process.stderr:
             self._last = line.strip()

@@ -28,10 +28,10 @@ from hapticnet.runtime.writer import DONE, FAILED, STOPPED
 if TYPE_CHECKING:
     from array import array
 
-FILE_LIMIT: Final = 1000  # most files and folders that the recordings of a run may be
-MOST_WAITING_BYTES: Final = 64 * 2**20  # that wait for the writer: 10 minutes of one session of 1 kHz, 10 s of 64
+FILE_LIMIT: Final = 1000  # most files and folders of a run's recordings
+MOST_WAITING_BYTES: Final = 64 * 2**20  # most bytes for the writer: 10 minutes of one session of 1 kHz, 10 s of 64
 FINISH_WITHIN_S: Final = 60.0  # longest time that the end of a run waits for the writer
-BATCH_S: Final = 0.05  # time between two batches for the writer: a node that is killed loses what is younger
+BATCH_S: Final = 0.05  # time between two batches for the writer: a killed node loses younger rows
 CATCH_UP_S: Final = 0.005  # the same while bytes wait, or sessions are due
 MOST_EARLY_EVENTS: Final = 1000  # most events that are kept until there is a first row
 MOST_AT_ONCE: Final = 16  # most sessions of a slave that are collected in one call, in about 0.1 ms
@@ -49,14 +49,14 @@ class Recorder:
         self, tell: Callable[[str], None], *, limit_bytes: int, about: Mapping[str, Any] | None = None
     ) -> None:
         self.process: SideProcess | None = None  # the writer; None before `start`
-        self.stopped: str | None = None  # why nothing more is recorded
-        self._fault: str | None = None  # the first thing that was not recorded as it should
+        self.stopped: str | None = None  # why recording has stopped
+        self._fault: str | None = None  # the first recording fault
         self._tell = tell
         self._limit_bytes = limit_bytes
         self._about = dict(about or {})
         self._files = 0
         self._begun = 0
-        self._completed: int | None = None  # as the writer says
+        self._completed: int | None = None  # as reported by the writer
         self._not_recorded = 0
         self._path: Path | None = None  # of the only recording
 
@@ -97,12 +97,12 @@ class Recorder:
         self._put(pack_frame(FrameKind.EVENT, number, t_us, type(event).__name__, event_text(event)))
 
     def end(self, number: int, about: Mapping[str, Any]) -> None:
-        """Complete a recording; `about` is what is known only now, such as the report."""
+        """Complete a recording; `about` has facts known only now, such as the report."""
         self._put(pack_frame(FrameKind.ABOUT, number, dict(about)))
         self._put(pack_frame(FrameKind.END, number))
 
     def pump(self) -> None:
-        """Pass on what the writer takes now, and listen to it. Does not wait."""
+        """Pass on as much as the writer accepts now, and read its messages. Does not wait."""
         if self.process is not None:
             self.process.pump()
             self._listen(self.process)
@@ -116,7 +116,7 @@ class Recorder:
                 self._listen(process)
                 process.close()
             else:
-                self.stop(f"the disk is slow; process {process.pid} goes on writing", is_fault=True)
+                self.stop(f"the disk is slow; process {process.pid} continues writing", is_fault=True)
         if self._not_recorded:
             self._tell(f"{self._not_recorded:,} sessions were not recorded")
 
@@ -126,7 +126,7 @@ class Recorder:
             raise FileError(f"the recordings are incomplete: {self._fault}")
 
     def report(self) -> dict[str, Any]:
-        """Return the account of what was recorded for JSON."""
+        """Return the report of the recordings for JSON."""
         return {
             "begun": self._begun,
             "completed": self._completed,
@@ -135,7 +135,7 @@ class Recorder:
         }
 
     def stop(self, reason: str, *, is_fault: bool) -> None:
-        """Record nothing more, and tell why; what waits is still written."""
+        """Record nothing more, and report why; waiting rows are still written."""
         if is_fault:
             self._fault = self._fault or reason
         if self.stopped is None:
@@ -198,7 +198,7 @@ class _Track:
             self._begin(main.columns, numbers, datagrams, about())
         if self._number is None:
             if self._begun and datagrams is not None:
-                datagrams.take()  # not recorded, so nothing may pile up
+                datagrams.take()  # not recorded, so nothing may accumulate
             return
         if numbers:
             self._recorder.rows(self._number, 0, numbers)
@@ -249,7 +249,7 @@ class _Recording(Watcher[Event], Generic[Event]):
         self._handle = asyncio.get_running_loop().call_later(BATCH_S, self._fire)
 
     async def stop(self) -> None:
-        """Complete the files, without holding up the loop."""
+        """Complete the files, without blocking the loop."""
         if self._handle is not None:
             self._handle.cancel()
         self._collect_all()
@@ -267,7 +267,7 @@ class _Recording(Watcher[Event], Generic[Event]):
         try:
             more = not recorder.is_behind and self._collect()
             recorder.pump()
-        except Exception as error:  # of the recorder's own code; the run must go on
+        except Exception as error:  # a fault of the recorder's own code; the run must continue
             recorder.stop(f"the recorder failed: {in_words(error)}", is_fault=True)
             return
         pause_s = CATCH_UP_S if more or recorder.is_behind else BATCH_S
@@ -275,7 +275,7 @@ class _Recording(Watcher[Event], Generic[Event]):
 
 
 class MasterRecording(_Recording[NodeEvent]):
-    """Record every tick of a master in a file; its settings must ask the node for that."""
+    """Record every tick of a master in a file; the node's settings must request that."""
 
     def __init__(
         self, node: MasterNode, file: Path, say: Callable[[str], None], *, limit_bytes: int,
@@ -299,7 +299,7 @@ class MasterRecording(_Recording[NodeEvent]):
 
 
 class SlaveRecording(_Recording[SlaveEvent]):
-    """Record every session of a slave in FOLDER/NAME-SESSION and a suffix; the node's settings must ask for that."""
+    """Record every session of a slave in FOLDER/NAME-SESSION and a suffix; the node's settings must request that."""
 
     def __init__(
         self, node: SlaveNode, folder: Path, say: Callable[[str], None], *, suffix: str, limit_bytes: int,
@@ -315,7 +315,7 @@ class SlaveRecording(_Recording[SlaveEvent]):
 
     def note(self, event: SlaveEvent, now_us: int) -> None:
         """Record an event; complete the file of a master that has left."""
-        if isinstance(event, MasterRefused | StepsTooSlow):  # of no session
+        if isinstance(event, MasterRefused | StepsTooSlow):  # no session belongs to it
             return
         context = event.context
         if isinstance(event, MasterJoined):
@@ -335,7 +335,7 @@ class SlaveRecording(_Recording[SlaveEvent]):
             del self._tracks[context]
 
     def _collect(self) -> bool:
-        """Collect some sessions, since answers wait meanwhile; return whether more of this round are due."""
+        """Collect only some sessions, because answers wait meanwhile; return whether more of this round are due."""
         self._due = self._due or list(self._tracks)
         now, self._due = self._due[:MOST_AT_ONCE], self._due[MOST_AT_ONCE:]
         for context in now:
@@ -358,21 +358,21 @@ def file_name(master: str, session: int) -> str:
 
 
 def about_master(settings: MasterSettings) -> dict[str, Any]:
-    """Return a master's configuration for its recording, without its key; events tell what was in force."""
+    """Return a master's configuration for its recording, without its key; events state the settings in force."""
     plain = asdict(replace(settings, key=None))
     del plain["key"]
     return {"asked_at_start": plain, "sealed": settings.key is not None, "wire_versions": WIRE_VERSIONS}
 
 
 def _of_context(context: SlaveContext) -> dict[str, Any]:
-    """Return what a session's master asked for and was granted, without tickets."""
+    """Return a session's request and grant, without tickets."""
     request, grant = context.session.request._asdict(), context.grant._asdict()
     del request["ticket"], grant["ticket"]
     return {"request": request, "grant": grant, "wire_versions": WIRE_VERSIONS}
 
 
 def unix_offset_us() -> int:
-    """Return what to add to this process's `now_us` for µs since 1970."""
+    """Return the offset from this process's `now_us` to µs since 1970."""
     return time.time_ns() // 1000 - now_us()
 
 

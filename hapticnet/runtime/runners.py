@@ -21,11 +21,11 @@ from hapticnet.runtime.udp import IncomingChannel, OutgoingChannel, SocketAddres
 from hapticnet.runtime.watching import Event, Watcher, Watchers
 
 PARTING_S: Final = 1.0  # longest time [s] that a process waits for its last datagrams to leave its emulated channel
-POLL_S: Final = 0.1  # time [s] between two looks whether the last master has left
+POLL_S: Final = 0.1  # time [s] between two checks whether the last master has left
 
 
 class Around(TypedDict, Generic[Event], total=False):
-    """What is around a node at work; all of it may be left out."""
+    """The surroundings of a running node; all optional."""
 
     channel: OutgoingChannel | None  # emulated network for outgoing datagrams
     watchers: Sequence[Watcher[Event]]
@@ -34,7 +34,7 @@ class Around(TypedDict, Generic[Event], total=False):
 
 
 class _Runner(Generic[Event]):
-    """What a master and a slave at work on the running event loop have in common."""
+    """Common base of a master and a slave on the running event loop."""
 
     def __init__(
         self,
@@ -57,9 +57,9 @@ class _Runner(Generic[Event]):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class MasterRun:
-    """Account of a master's run in real time, for its report.
+    """Figures of a master's run in real time, for its report.
 
-    `end_reason` is None while it runs, `missed_ticks` if the program has the timer, `port_…` without a serial port.
+    `end_reason` is None while it runs, `missed_ticks` if the program drives the ticks, `port_…` without a serial port.
     """
 
     end_reason: str | None
@@ -73,9 +73,9 @@ class MasterRun:
 
 
 class MasterRunner(_Runner[NodeEvent]):
-    """A master node at work on the running event loop, with `wire` for a wired device. It leaves signals alone.
+    """A master node on the running event loop, with `wire` for a wired device. It does not touch signals.
 
-    `stop` is set from elsewhere to end the run, and set here when the session has ended.
+    Others set `stop` to end the run; it is set here when the session has ended.
     """
 
     def __init__(
@@ -91,7 +91,7 @@ class MasterRunner(_Runner[NodeEvent]):
     ) -> None:
         super().__init__(sock, **around)
         self.node = node
-        self.connected = asyncio.Event()  # set when there has been a session
+        self.connected = asyncio.Event()  # set once there has been a session
         self._ended = asyncio.Event()
         self._stop = stop
         self._slave = slave
@@ -100,7 +100,7 @@ class MasterRunner(_Runner[NodeEvent]):
 
     @property
     def missed_ticks(self) -> int:
-        """Ticks left out so far, because the next was already due."""
+        """Ticks skipped so far, because the next was already due."""
         return self._ticker.missed
 
     async def start(self) -> None:
@@ -123,7 +123,7 @@ class MasterRunner(_Runner[NodeEvent]):
         self._status = Repeating(loop, self._check)
 
     async def finish(self, reason: str) -> MasterRun:
-        """Close the session, stop the ticks and return the account of the run."""
+        """Close the session, stop the ticks and return the figures of the run."""
         try:
             self.node.close(reason, now_us())
             self._flush()
@@ -139,7 +139,7 @@ class MasterRunner(_Runner[NodeEvent]):
         return self.account(reason)
 
     def account(self, end_reason: str | None) -> MasterRun:
-        """Return the account of the run so far."""
+        """Return the figures of the run so far."""
         return MasterRun(
             end_reason=end_reason,
             connected=self.connected.is_set(),
@@ -186,7 +186,7 @@ class MasterRunner(_Runner[NodeEvent]):
 
 
 class SlaveRunner(_Runner[SlaveEvent]):
-    """A slave node at work on the running event loop; it has no tick, and steps a scene when a position arrives."""
+    """A slave node on the running event loop; it has no tick, and steps a scene when a position arrives."""
 
     def __init__(self, node: SlaveNode, sock: socket, **around: Unpack[Around[SlaveEvent]]) -> None:
         super().__init__(sock, **around)
@@ -222,7 +222,7 @@ class SlaveRunner(_Runner[SlaveEvent]):
                 return
 
     def flush(self) -> None:
-        """Send what the node has to send and report its events; call this after changing something at the node."""
+        """Send the node's datagrams and report its events; call this after changing the node."""
         for data, address in self.node.datagrams_to_send():
             self._port.send(data, address)
         self._alarm.set(self.node.next_timer_us())
@@ -252,7 +252,7 @@ class SlaveRunner(_Runner[SlaveEvent]):
         self._check_others(now)
 
     def _settle(self) -> None:
-        """Send what the node has to say besides answers; then those that said it may go on as before."""
+        """Send the node's other datagrams, and account for them."""
         self.flush()
         self.node.account_sent(now_us())
         self.flush()
@@ -305,8 +305,8 @@ async def run_slave(
 ) -> None:
     """Serve until `stop` is set or `duration_s` [s] have passed, then close every session.
 
-    Before, masters have `drain_s` [s] to finish; `stop`, or a second signal, ends this. Without a `stop`, signals end
-    the run, and `on_hangup` is called at each SIGHUP; `on_listening` when datagrams and signals are answered.
+    Masters have `drain_s` [s] to finish first; `stop`, or a second signal, ends this. Without a `stop`, signals end
+    the run, and `on_hangup` is called at each SIGHUP; `on_listening` once datagrams and signals are handled.
     """
     loop = asyncio.get_running_loop()
     runner = SlaveRunner(node, sock, **around)
@@ -343,7 +343,7 @@ def master_report(
     channel_out: Emulator[Any] | None = None,
     channel_in: Emulator[Any] | None = None,
 ) -> dict[str, Any]:
-    """Return the account of a master for JSON; None for what it does not have. `run` is None if it does not end."""
+    """Return the report of a master for JSON; missing values are None. `run` is None for a run without end."""
     return {
         "scheduling": overload.scheduling,
         **node.report(),
@@ -365,7 +365,7 @@ def slave_report(
     recorder: Recorder | None = None,
     channel_out: Emulator[Any] | None = None,
 ) -> dict[str, Any]:
-    """Return the account of a slave for JSON; None for what it does not have."""
+    """Return the report of a slave for JSON; missing values are None."""
     return {
         "scheduling": overload.scheduling,
         **node.report(),
@@ -377,5 +377,5 @@ def slave_report(
 
 
 def _channel_report(channel: Emulator[Any] | None) -> dict[str, Any] | None:
-    """Return what an emulated channel did, with its settings at the end; None without one."""
+    """Return the counters of an emulated channel, with its settings at the end; None without one."""
     return None if channel is None else {"settings": channel.settings.describe(), **asdict(channel.counters)}

@@ -151,7 +151,7 @@ class SerialPort:
             await asyncio.sleep(WAIT_STEP_S)
 
     async def stop(self) -> None:
-        """Close the port for good. The device retracts because it receives nothing more."""
+        """Close the port for good. The device then retracts because it receives nothing."""
         self._task.cancel()
         with contextlib.suppress(asyncio.CancelledError):
             await self._task
@@ -188,7 +188,7 @@ class SerialPort:
     def _lose(self, reason: str, now_us: int, *, orderly: bool = False) -> None:
         if self._fd is None:
             return
-        # At once: a closed port stays readable, and the loop would spin on it.
+        # Do this at once: a closed port stays readable, and the loop would spin on it.
         self._loop.remove_reader(self._fd)
         self._fd = None
         self._rest = b""
@@ -223,7 +223,7 @@ class SerialPort:
 
 
 async def open_wire(wire: Wire, stop: asyncio.Event) -> SerialPort | None:
-    """Open a wire and wait for readings; return None if `stop` was set meanwhile. Raises as `SerialPort.wait_ready`."""
+    """Open a wire and wait for readings; return None if `stop` is set. Raise like `SerialPort.wait_ready`."""
     port = SerialPort(asyncio.get_running_loop(), wire.spec, wire.wired)
     ready = asyncio.ensure_future(port.wait_ready(START_WITHIN_S))
     stopped = asyncio.ensure_future(stop.wait())
@@ -242,7 +242,7 @@ async def open_wire(wire: Wire, stop: asyncio.Event) -> SerialPort | None:
 
 
 def _open(spec: SerialSpec) -> serial.Serial:
-    """Open a port; UnavailableError says why this failed and what helps."""
+    """Open a port; UnavailableError says why this failed and how to fix it."""
     path = spec.path or "the port"
     try:
         path = spec.path or choose_port()
@@ -295,7 +295,7 @@ TICK_US: Final = 1000
 async def run_device(wire: Wire | None, tick: Callable[[int], bool], *, duration_s: float | None = None) -> bool:
     """Open a device, wait for readings, then call `tick` with the time [µs] every ms until it returns True.
 
-    Return whether this, or `duration_s` [s], ended the run, and no signal. Raise as `open_wire` or `tick`.
+    Return whether this or `duration_s` [s], not a signal, ended the run. Raise like `open_wire` or `tick`.
     """
     loop = asyncio.get_running_loop()
     signalled = stop_on_signals(loop)

@@ -1,4 +1,4 @@
-"""SIGINT and SIGTERM: end a run in order, also one that is stuck in code that does not return."""
+"""SIGINT and SIGTERM: end a run in order, even if it is stuck in code that does not return."""
 
 import asyncio
 import os
@@ -20,23 +20,23 @@ if TYPE_CHECKING:
     from types import FrameType
 
 
-PATIENCE_S: Final = 2.0  # time [s] in which a loop that runs reacts
-TRIES: Final = 3  # how often code that does not return is interrupted, before the process ends without it
-CONCLUDE_S: Final = 10.0  # time [s] that what comes after the loop may take, such as ``close()`` of a user's object
+PATIENCE_S: Final = 2.0  # time [s] in which a running loop reacts
+TRIES: Final = 3  # interruptions of code that does not return, before the process ends without it
+CONCLUDE_S: Final = 10.0  # time [s] for work after the loop, such as ``close()`` of a user's object
 _NOT_THE_USERS: Final = (str(Path(__file__).parents[1]) + os.sep, sysconfig.get_path("stdlib") + os.sep, "<frozen")
 
 
 class Rescue:
-    """Watch the loop from the first signal on: interrupt what it is stuck in, and in the end the process.
+    """Watch the loop from the first signal on: interrupt the code it is stuck in, and finally the process.
 
-    A thread asks the loop for a sign of life. Without one for `PATIENCE_S`, the code that does not return gets an
-    exception, which is handled like any other of that code; a run then ends in order. Code that does not heed this
-    after `TRIES`, or that waits in C, is left, and `deliver` is called in the thread. Code in C that keeps the
+    A thread asks the loop for a sign of life. Without one for `PATIENCE_S`, the stuck code gets an
+    exception, which is handled like any other of that code; a run then ends in order. Code that ignores this
+    after `TRIES`, or that waits in C, is abandoned, and `deliver` is called in the thread. Code in C that keeps the
     interpreter's lock can only be killed.
     """
 
     def __init__(self, deliver: Callable[[], None] = lambda: None) -> None:
-        self.faults: list[str] = []  # what did not return, in words
+        self.faults: list[str] = []  # descriptions of code that did not return
         self._deliver = deliver
         self._thread: threading.Thread | None = None
         self._interrupts = False
@@ -65,7 +65,7 @@ class Rescue:
                 break
             if sign.wait(PATIENCE_S):
                 self._ended.wait(0.1)
-            elif self._ended.is_set() or loop.is_closed():  # it ended before it gave the sign
+            elif self._ended.is_set() or loop.is_closed():  # it ended before the sign of life
                 continue
             elif len(self.faults) < TRIES:
                 self.faults.append(f"{place_of(main)} did not return within {PATIENCE_S:g} s")
@@ -86,7 +86,7 @@ class Rescue:
 
 
 def place_of(thread: int) -> str:
-    """Return where a thread is, in words: the innermost line that is neither hapticnet's nor Python's own."""
+    """Return the place of a thread in words: the innermost line outside hapticnet and Python's library."""
     frame: FrameType | None = sys._current_frames().get(thread)
     while frame is not None and frame.f_code.co_filename.startswith(_NOT_THE_USERS):
         frame = frame.f_back
@@ -96,7 +96,7 @@ def place_of(thread: int) -> str:
 
 
 class SignalHandler(TakesSignals):
-    """Call a function on an event loop at a signal. Unlike a handler of the loop, it stays when the loop is closed."""
+    """Call a function on an event loop at a signal. Unlike a loop's handler, it remains when the loop is closed."""
 
     def __init__(self, loop: asyncio.AbstractEventLoop, callback: Callable[[], None]) -> None:
         self._loop = loop
@@ -109,8 +109,8 @@ class SignalHandler(TakesSignals):
             signal.siginterrupt(number, False)
 
     def __call__(self, _number: int, _frame: object) -> None:
-        """Call the function soon; called by Python in the middle of what the main thread does."""
-        with suppress(RuntimeError):  # the loop is closed: it is too late for this
+        """Call the function soon; called by Python in the middle of the main thread's work."""
+        with suppress(RuntimeError):  # the loop is closed: too late
             self._loop.call_soon_threadsafe(self._callback)
 
 
@@ -135,7 +135,7 @@ def stop_on_signals(
     """Return an event that SIGINT and SIGTERM set; each signal after the first sets `again`.
 
     A loop that is stuck cannot set it: `Rescue` ends it then. With a `rescue` there is a report to deliver, so once the
-    loop is closed, signals change nothing any more. In any other process, they then do what they do by default.
+    loop is closed, signals have no effect. In any other process, they then have their default effect.
     """
     stop = asyncio.Event()
 

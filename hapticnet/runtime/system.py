@@ -1,4 +1,4 @@
-"""What a process asks of the operating system: time, random numbers, threads, real-time scheduling, an event loop."""
+"""Services of the operating system: time, random numbers, threads, real-time scheduling, an event loop."""
 
 import gc
 import os
@@ -21,7 +21,7 @@ def now_us() -> int:
 
 
 def waited_us() -> int:
-    """Return how long [µs] this thread has waited for a processor in all; 0 if the system does not tell."""
+    """Return the total time [µs] that this thread has waited for a processor; 0 if unknown."""
     try:
         # Linux, Documentation/scheduler/sched-stats.rst: time on a processor, time on a run queue [ns], time slices.
         return int(Path("/proc/thread-self/schedstat").read_text().split()[1]) // 1000
@@ -89,7 +89,7 @@ def prefer_realtime() -> str:
 
 
 def scheduling() -> str:
-    """Return the scheduling of this process, described as by `prefer_realtime`."""
+    """Return the scheduling of this process, described like by `prefer_realtime`."""
     if sys.platform.startswith("linux") and os.sched_getscheduler(0) == os.SCHED_FIFO:
         return f"SCHED_FIFO {os.sched_getparam(0).sched_priority}"
     return OTHER

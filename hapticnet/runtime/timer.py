@@ -1,4 +1,4 @@
-"""Waiting on an event loop: timers of microsecond accuracy, what is done twice a second, and events.
+"""Waiting on an event loop: timers of microsecond accuracy, calls twice a second, and events.
 
 The loops' own timers have a resolution of 1 ms (uvloop) or are late (asyncio). A timerfd that the loop watches like a
 socket is as accurate as clock_nanosleep in C. bench/measure/real_time.py measures both.

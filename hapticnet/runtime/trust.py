@@ -18,7 +18,7 @@ class Guests:
     """The masters that a slave with a key admits, each with its scene. Raises as `read_guests`."""
 
     def __init__(self, file: Path, key_file: Path) -> None:
-        self.file = file  # the list of masters
+        self.file = file  # file of the list of masters
         self.key_file = key_file  # the slave's key
         self.own = load_key(key_file)
         self.roster = Roster()
@@ -36,7 +36,7 @@ class Guests:
         return None if entry is None or entry.scene is None else self._scenes[entry.scene]
 
     def close(self) -> list[str]:
-        """Close the scenes, those of earlier lists included; return what went wrong."""
+        """Close the scenes, including those of earlier lists; return the faults."""
         return [fault for source in self._sources for fault in source.close()]
 
 
@@ -63,7 +63,7 @@ def read_guests(file: Path, own: bytes | None) -> tuple[Roster, dict[str, SceneS
 
 @dataclass(frozen=True, slots=True)
 class SlaveTrust:
-    """Whom a slave serves."""
+    """The masters that a slave serves."""
 
     guests: Guests | None  # the masters with keys; None if there are no sealed sessions
     serves_open: bool  # whether open sessions are served
@@ -79,14 +79,14 @@ class SlaveTrust:
         return None if self.guests is None else self.guests.scene_of(entry)
 
     def doors(self, entropy: Entropy) -> dict[int, Door]:
-        """Return what lets masters in, by the version of the wire format."""
+        """Return the doors for masters, by the version of the wire format."""
         doors: dict[int, Door] = {OPEN: Door()} if self.serves_open else {}
         if self.guests is not None:
             doors[SEALED] = SealedDoor(self.guests.own.private, self.guests.roster, entropy)
         return doors
 
     def lines(self) -> list[str]:
-        """Return what the person who starts the slave must know."""
+        """Return notes for the person who starts the slave."""
         lines = []
         if self.guests is not None:
             count = len(self.guests.roster)
@@ -104,14 +104,14 @@ class SlaveTrust:
         return lines
 
     def warnings(self, loopback: bool) -> list[str]:
-        """Return what is a risk; `loopback` says whether only this host can reach the slave."""
+        """Return the risks; `loopback` says whether only this host can reach the slave."""
         if self.serves_open and not loopback:
             return ["open sessions are not encrypted, and anyone who can reach this port is served"]
         return []
 
 
 def option(name: str) -> str:
-    """Return what the command line calls a parameter."""
+    """Return a parameter's name on the command line."""
     return f"--{name.replace('_', '-')}"
 
 
@@ -119,7 +119,7 @@ def slave_trust(
     address: object, loopback: bool, key: Path | None, masters: Path | None, insecure: bool,
     called: Callable[[str], str] = option,
 ) -> SlaveTrust:  # fmt: skip
-    """Return whom a slave serves at `address`; FileError or SettingsError if keys it needs cannot be used."""
+    """Return the masters that a slave serves at `address`; FileError or SettingsError for an unusable key."""
     if key is None and masters is None and (loopback or insecure):
         unused = None if insecure or is_missing(default_key()) else default_key()
         return SlaveTrust(None, serves_open=True, unused_key=unused)
@@ -137,8 +137,8 @@ def master_key(
     address: object, loopback: bool, key: Path | None, peer_key: str | None, insecure: bool,
     called: Callable[[str], str] = option,
 ) -> MasterKey | None:  # fmt: skip
-    """Return the keys for sessions with the slave at `address`; None for open sessions. Raises as `slave_trust`."""
-    if peer_key is None and (loopback or insecure):  # HAPTICNET_KEY may name a key that is for other slaves
+    """Return the keys for sessions with the slave at `address`; None for open sessions. Raises like `slave_trust`."""
+    if peer_key is None and (loopback or insecure):  # HAPTICNET_KEY may name a key for other slaves
         return None
     if key is None and peer_key is None:
         raise SettingsError(
@@ -161,12 +161,12 @@ def master_key(
 
 
 def refusal_advice(key: MasterKey | None, code: Code | None) -> str:
-    """Return what the slave's list lacks, if that is why the slave refused a session with this key."""
+    """Return the entry missing in the slave's list, if that is why the slave refused this key."""
     return f'; there, public = "{format_key(key.own.public)}"' if key is not None and code is Code.KEY else ""
 
 
 def silence_advice(key: MasterKey | None, unreadable: int, hint: str | None = None) -> str:
-    """Return what to check while no session begins; `unreadable` answers did not open, `hint` is not authenticated."""
+    """Return advice while no session begins; `unreadable` answers did not open, `hint` is not authenticated."""
     if key is None:
         return "is the slave running there?"
     if hint is not None:

@@ -1,4 +1,4 @@
-"""UDP sockets, addresses, and datagrams that go through an emulated channel on their way out."""
+"""UDP sockets, addresses, and datagrams sent through an emulated channel."""
 
 import asyncio
 import errno
@@ -20,8 +20,8 @@ from hapticnet.protocol.wire import MAX_DATAGRAM_BYTES
 from hapticnet.runtime.system import now_us
 from hapticnet.runtime.timer import Alarm
 
-AGES_KEPT: Final = 1000  # ages kept until they are taken: those of a second, even of a port that reads continuously
-TOLERANCE_US: Final = 1000.0  # difference of two clocks of the system between two samples [µs], at most
+AGES_KEPT: Final = 1000  # most ages kept until fetched: a second's, even for a port that reads continuously
+TOLERANCE_US: Final = 1000.0  # largest difference of two clocks of the system between two samples [µs]
 
 # From <asm-generic/socket.h> and <linux/sock_diag.h>.
 _SO_TIMESTAMPNS: Final = 35
@@ -44,7 +44,7 @@ class ReceiveQueue:
             sock.setsockopt(socket.SOL_SOCKET, _SO_TIMESTAMPNS, 1)
 
     def sample_age(self) -> None:
-        """Look at the oldest datagram of the queue, and leave it there. Costs 1.6 µs. Raises OSError as receiving does.
+        """Peek at the oldest datagram of the queue. Costs 1.6 µs. Raises OSError like receiving.
 
         The system stamps datagrams with its wall clock. If that was set since, the age may be impossible: below 0, or
         such that an earlier sample would have found this datagram. Such a sample does not count.
@@ -82,10 +82,10 @@ SocketAddress: TypeAlias = Any  # what the socket module uses: (host, port), or 
 OutgoingChannel: TypeAlias = Emulator[tuple[bytes, SocketAddress]]  # for outgoing datagrams, each with its destination
 IncomingChannel: TypeAlias = Emulator[tuple[bytes, SocketAddress]]  # for arriving datagrams, each with its source
 Receive: TypeAlias = Callable[[list[tuple[bytes, SocketAddress]], int], None]
-READ_BYTES: Final = MAX_DATAGRAM_BYTES + 1  # one more than is allowed, so that oversized datagrams can be recognised
+READ_BYTES: Final = MAX_DATAGRAM_BYTES + 1  # one more than allowed, so that oversized datagrams can be recognised
 DRAIN_AT_MOST: Final = 256  # largest number of datagrams read in a row
 DRAIN_US: Final = 300  # longest time [µs] that a master reads in a row, so that a flood delays no tick by more
-# If the socket was empty this short a time ago, the first datagram is handed over before the next is looked for, which
+# If the socket was empty this recently, the first datagram is handed over before looking for the next, which
 # takes as long as a tenth of a round trip.
 PROMPT_US: Final = 2_000
 POLL_S: Final = 0.01
@@ -93,12 +93,12 @@ POLL_S: Final = 0.01
 # tests whether the system allows that much.
 RECEIVE_BUFFER_BYTES: Final = 1 << 22
 SEND_BUFFER_BYTES: Final = 1 << 20
-SAMPLE_EVERY: Final = 16  # drains from one look at the oldest datagram's age to the next, unless one was longer
+SAMPLE_EVERY: Final = 16  # drains between two checks of the oldest datagram's age, unless one was longer
 
 
 @dataclass(frozen=True, slots=True)
 class HostPort:
-    """An address as written: HOST:PORT, or [HOST]:PORT for IPv6."""
+    """An address as text: HOST:PORT, or [HOST]:PORT for IPv6."""
 
     host: str
     port: int
@@ -170,7 +170,7 @@ def text_of(address: SocketAddress) -> str:
 
 
 def host_of(address: SocketAddress) -> str:
-    """Return the host of an address. Of an IPv6 address, the first 64 bits: one subscriber usually has all the rest."""
+    """Return the host of an address. Of an IPv6 address, the first 64 bits: one subscriber usually has the rest."""
     host: str = address[0]
     if ":" not in host or host.startswith(("::", "fe80:")):  # IPv4, loopback, mapped IPv4, or one link
         return host
@@ -218,7 +218,7 @@ class UdpPort:
         self._alarm = Alarm(loop, self._deliver) if channel else None
         self._channel_in = channel_in
         self._alarm_in = Alarm(loop, self._hand_over) if channel_in else None
-        self._due: deque[tuple[bytes, SocketAddress]] = deque()  # out of the channel, and not handed over yet
+        self._due: deque[tuple[bytes, SocketAddress]] = deque()  # out of the channel, but not handed over yet
         loop.add_reader(sock.fileno(), self._drain)
 
     def send(self, data: bytes, address: SocketAddress) -> None:
@@ -246,7 +246,7 @@ class UdpPort:
 
     def _drain(self) -> None:
         receive = self._receive
-        if self._due:  # what is due comes first, and must not become ever more
+        if self._due:  # due datagrams come first, and must not accumulate
             return
         receive_from = self._sock.recvfrom
         at_once = self._at_once

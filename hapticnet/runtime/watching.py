@@ -1,4 +1,4 @@
-"""What looks on while a node runs: messages, recorder, page, stream, metrics. None of them can delay or end the run."""
+"""Watchers of a running node: messages, recorder, page, metrics. None of them can delay or end the run."""
 
 import os
 import socket
@@ -13,32 +13,32 @@ Event = TypeVar("Event")
 
 
 class Watcher(Generic[Event]):
-    """Base class of what looks on. Override what is needed; what is not overridden costs nothing.
+    """Base class of watchers. Override the methods you need; the others cost nothing.
 
-    Everything is called on the event loop of the run. A watcher that raises is told about once and not called again;
-    the run goes on without it. Only an error in `start` ends the run, before it has begun.
+    Everything is called on the event loop of the run. A watcher that raises is reported once and not called again;
+    the run continues without it. Only an error in `start` ends the run, before it has begun.
     """
 
-    name = "watcher"  # what messages call it
+    name = "watcher"  # its name in messages
 
     async def start(self) -> None:
-        """Begin, before the first tick. What it raises ends the run."""
+        """Begin, before the first tick. An exception ends the run."""
 
     def observe(self, now_us: int) -> None:
-        """Look at the node after a tick, or after answers; the datagrams are out. Must take no more than a few µs."""
+        """Look at the node after a tick, or after answers, when the datagrams are sent. Must take at most a few µs."""
 
     def note(self, event: Event, now_us: int) -> None:
         """Process an event of the node."""
 
     def check(self, now_us: int) -> None:
-        """Do what is done twice a second."""
+        """Do the work due twice a second."""
 
     async def stop(self) -> None:
         """End, after the last tick."""
 
 
 class Closing(Watcher[Any]):
-    """Call ``close()`` of a user's object, which messages call `what`, after the last tick, if it has that method."""
+    """Call ``close()`` of a user's object, named `what` in messages, after the last tick, if it has that method."""
 
     def __init__(self, made: object, what: str, say: Callable[[str], None]) -> None:
         self._made = made
@@ -73,7 +73,7 @@ class Watchers(Generic[Event]):
         self._find_observers()
 
     def observe(self, now_us: int) -> None:
-        """Let each look at the node."""
+        """Let each watcher look at the node."""
         for observe in self.observers:
             try:
                 observe(now_us)
@@ -85,7 +85,7 @@ class Watchers(Generic[Event]):
         self._each(lambda watcher: watcher.note(event, now_us))
 
     def check(self, now_us: int) -> None:
-        """Let each do what is done twice a second."""
+        """Let each watcher do its work due twice a second."""
         self._each(lambda watcher: watcher.check(now_us))
 
     async def stop(self) -> None:
@@ -114,14 +114,14 @@ class Watchers(Generic[Event]):
             self._tell(f"{watcher.name} failed and is switched off: {in_words(error)}")
 
 
-EXTENSION_US: Final = 10_000_000  # time [µs] that systemd waits, again and again, while masters finish
+EXTENSION_US: Final = 10_000_000  # time [µs] by which systemd extends its wait, repeatedly, while masters finish
 
 
 class Notifier(Watcher[Event], Generic[Event]):
-    """Tell systemd on its socket `path` that the process is ready, and then twice a second that its event loop runs.
+    """Notify systemd on its socket `path` that the process is ready, and then twice a second that its event loop runs.
 
-    `status` returns a line for ``systemctl status``; `stopping`, whether the process was told to end and waits for
-    others, for which systemd then waits, too. A unit with ``WatchdogSec=`` thus notices a loop that is stuck.
+    `status` returns a line for ``systemctl status``; `stopping`, whether the process is about to end and waits for
+    masters, so that systemd waits too. A unit with ``WatchdogSec=`` thus notices a stuck loop.
     """
 
     name = "systemd"
@@ -134,21 +134,21 @@ class Notifier(Watcher[Event], Generic[Event]):
         self._socket.setblocking(False)
 
     async def start(self) -> None:
-        """Tell that the process is ready."""
+        """Report that the process is ready."""
         self._send("READY=1")
 
     def check(self, now_us: int) -> None:  # noqa: ARG002 - the interval is fixed
-        """Tell that the loop runs."""
+        """Report that the loop runs."""
         more = f"\nEXTEND_TIMEOUT_USEC={EXTENSION_US}" if self._stopping() else ""
         self._send(f"WATCHDOG=1\nSTATUS={self._status()}{more}")
 
     async def stop(self) -> None:
-        """Tell that the process is about to end."""
+        """Report that the process is about to end."""
         self._send("STOPPING=1")
         self._socket.close()
 
     def _send(self, message: str) -> None:
-        with suppress(OSError):  # systemd does not read just now, or is gone
+        with suppress(OSError):  # systemd is not reading, or is gone
             self._socket.sendto(message.encode(), self._address)
 
 

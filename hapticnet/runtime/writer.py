@@ -1,6 +1,6 @@
 """The process that writes recordings: frames come in on stdin, lines for the user go out on stdout.
 
-Signals to the terminal do not reach it. When stdin ends, as its node has, it completes the files and ends.
+Signals to the terminal do not reach it. When stdin ends with its node, it completes the files and ends.
 """
 
 import json
@@ -34,7 +34,7 @@ def main() -> None:
     )
     try:
         _serve(archive)
-    except Exception as error:  # the user gets one line, and what was written stays recoverable
+    except Exception as error:  # the user gets one line, and written data stay recoverable
         _say(FAILED, f"the writer failed: {in_words(error)}")
     else:
         _say(DONE, str(archive.completed))
@@ -61,7 +61,7 @@ def _serve(archive: Archive) -> None:
 def _say(kind: str, text: str) -> None:
     try:
         os.write(1, json.dumps([kind, text]).encode() + b"\n")
-    except OSError:  # nobody listens any more
+    except OSError:  # the reader is gone
         return
 
 

@@ -1,6 +1,6 @@
 """Results of the ordering task: shares of correct orders, pairs, times, bytes and ratings, and tests between them.
 
-Rows are checked first: they must be of one design and of one kind of participant.
+Rows are checked first: they must have one design and one kind of participant.
 """
 
 import math
@@ -34,21 +34,21 @@ CHANCE: Final = 1 / 6  # share of correct orders by guessing
 MARGIN: Final = 0.1  # default margin of equivalence: the plan's, which is stated before the study
 # Standard errors of the share of correct orders in Fig. 5 of "Cutaneous haptic deadband compression".
 PAPER_ERRORS: Final = {"none": 0.075, "1 JND": 0.056, "2 JND": 0.049, "4 JND": 0.065}
-APART: Final = "analyse each in a folder of its own"
+APART: Final = "analyse each in a separate folder"
 Interval: TypeAlias = tuple[float, float]
 
 
 class Measure(NamedTuple):
-    """What is computed from the trials of one participant, or from the ratings, and how it is shown."""
+    """A measure of one participant's trials, or of the ratings, and its presentation."""
 
     name: str
-    of: Callable[[Sequence[OrderRow]], float | None]  # None where the rows do not say
+    of: Callable[[Sequence[OrderRow]], float | None]  # None if not in the rows
     form: str = "{:.1f}"
     factor: float = 1.0
 
 
 def mean(values: Iterable[float | None]) -> float | None:
-    """Return the mean of the values that are known; None without any."""
+    """Return the mean of the known values; None without any."""
     known = [value for value in values if value is not None]
     return fmean(known) if known else None
 
@@ -85,7 +85,7 @@ def _right_pairs(rows: Sequence[OrderRow]) -> float | None:
     return mean(row.pairs_correct / 3 for row in rows if row.pairs_correct is not None)
 
 
-MEASURES: Final = {  # the rating is of the rows of ratings, the others are of the trials
+MEASURES: Final = {  # the rating uses the rows of ratings, the others the trials
     "correct": Measure("correct orders", _mean_of("correct"), "{:.1f} %", 100.0),
     "pairs": Measure("correct pairs", _right_pairs, "{:.1f} %", 100.0),
     "kendall": Measure("Kendall's distance", _mean_of("kendall"), "{:.2f}"),
@@ -106,7 +106,7 @@ MEASURES: Final = {  # the rating is of the rows of ratings, the others are of t
 }
 
 SHARES: Final = "correct", "pairs"  # from 0 to 1
-# Measures that are compared between conditions; a margin of equivalence is stated for the first.
+# Measures compared between conditions; the first has a margin of equivalence.
 COMPARED: Final = "correct", "pairs", "kendall", "time_s", "insertions", "peak_n", "rating"
 
 
@@ -121,14 +121,14 @@ class Figure:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ConditionResult:
-    """What participants did under one condition. Intervals are of 95 %, over participants."""
+    """Results of one condition. Intervals are 95 % intervals over participants."""
 
     name: str
     codec: str
     multiplier: float  # threshold [JND]
     trials: int  # answered
     correct: int  # with the whole order right
-    interval: Interval  # of the share of those
+    interval: Interval  # of their share
     figures: dict[str, Figure]  # by the name of the measure
     pair_shares: tuple[float, ...]  # right answers about softest–middle, middle–hardest, softest–hardest
     pair_intervals: tuple[Interval, ...]
@@ -144,24 +144,24 @@ class ConditionResult:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Comparison:
-    """A condition less the reference, over the participants with both. The last three are of correct orders only."""
+    """A condition minus the reference, over the participants with both. The last three are only for correct orders."""
 
     measure: str
     condition: str
     reference: str
     difference: float
     interval: Interval  # 95 %
-    probability: float  # two-sided, of the exact sign-flip test
+    probability: float  # two-sided, from the exact sign-flip test
     adjusted: float  # the same after Holm, for the comparisons of this measure
     participants: int
     within_margin: float | None = None  # probability of the two one-sided tests of equivalence
-    interval_90: Interval | None = None  # that belongs to them
+    interval_90: Interval | None = None  # of these tests
     equivalent: bool | None = None  # whether tests and interval both show equivalence
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class UsedLaw:
-    """What 1 JND was for a participant: Weber fraction, smallest JND [N], and where they come from."""
+    """A participant's JND: Weber fraction, smallest JND [N], and their source."""
 
     participant: str
     weber_fraction: float
@@ -173,23 +173,23 @@ class UsedLaw:
 class Results:
     """Results of a study."""
 
-    simulated: tuple[str, ...]  # names of the simulated observers; empty if all answers are of people
+    simulated: tuple[str, ...]  # names of the simulated observers; empty if all answers are from people
     participants: tuple[str, ...]  # with trials
     conditions: tuple[ConditionResult, ...]
     comparisons: tuple[Comparison, ...]
     margin: float
-    curve: Leaving | None  # where the share of correct orders leaves the margin [JND]; None if that cannot be told
+    curve: Leaving | None  # where the share of correct orders leaves the margin [JND]; None if unknown
     repeated: int  # trials that were not accepted
     aborted: int
-    missing: tuple[str, ...] = ()  # what is missing or uneven in the data, as sentences
-    laws: tuple[UsedLaw, ...] = ()  # several of a participant whose sessions had different laws
+    missing: tuple[str, ...] = ()  # sentences about missing or unbalanced data
+    laws: tuple[UsedLaw, ...] = ()  # several for a participant whose sessions had different laws
 
 
 def analyse(rows: Sequence[OrderRow], *, margin: float = MARGIN, seed: int = 1) -> Results:
     """Return the results of the ordering task.
 
     A condition counts as equal to no compression below a difference of `margin` in the share of correct orders. `seed`
-    is that of the resamples for the curve. Raise SettingsError if no trial was answered, or the trials belong to two
+    is for the resamples of the curve. Raise SettingsError if no trial was answered, or the trials belong to two
     designs or to people and observers.
     """
     trials = accepted(rows)
@@ -222,13 +222,13 @@ def analyse(rows: Sequence[OrderRow], *, margin: float = MARGIN, seed: int = 1) 
 
 
 def accepted(rows: Sequence[OrderRow]) -> list[OrderRow]:
-    """Return the trials with an answer; of a trial that was written twice, the last."""
+    """Return the trials with an answer; if a trial was written twice, the last row."""
     last = {(row.participant, row.session, row.this_n): row for row in rows if row.event == "trial"}
     return [row for row in last.values() if row.correct is not None]
 
 
 def _ratings(rows: Sequence[OrderRow], trials: Sequence[OrderRow]) -> list[OrderRow]:
-    """Return the ratings of blocks with one condition; a rating of interleaved conditions is of none of them."""
+    """Return the ratings of blocks with one condition; a rating of interleaved conditions belongs to none."""
     conditions: dict[tuple[str, int, int | None], set[str | None]] = {}
     for row in trials:
         conditions.setdefault((row.participant, row.session, row.block), set()).add(row.condition)
@@ -271,11 +271,11 @@ def _check_answer(row: OrderRow) -> None:
 def _missing(
     rows: Sequence[OrderRow], trials: Sequence[OrderRow], ratings: Sequence[OrderRow], conditions: Sequence[str]
 ) -> tuple[str, ...]:
-    """Return, as sentences, what is missing or uneven in the data."""
+    """Return sentences about missing or unbalanced data."""
     told = []
     unanswered = len({(r.participant, r.session, r.this_n) for r in rows if r.event == "trial"}) - len(trials)
     if unanswered:
-        told.append(f"Trials without an answer, left out: {unanswered}.")
+        told.append(f"Trials without an answer, omitted: {unanswered}.")
     people = sorted({row.participant for row in trials})
     counts = Counter((row.participant, row.condition) for row in trials)
     for name in conditions:
@@ -283,7 +283,7 @@ def _missing(
         for person in people:
             own = counts[person, name]
             if own == 0:
-                told.append(f"Participant {person} has no trial of {name} and is left out of comparisons with it.")
+                told.append(f"Participant {person} has no trial of {name} and is omitted from comparisons with it.")
             elif own < most:
                 told.append(f"Participant {person} has {own} trials of {name}; others have {most}.")
     mixed = sum(row.event == "rating" and row.rating is not None for row in rows) - len(ratings)
@@ -398,14 +398,14 @@ def _comparison(key: str, reference: ConditionResult, other: ConditionResult, ma
 
 
 def _bounded(measure: str, interval: Interval) -> Interval:
-    """Return an interval of a difference without what a difference of shares cannot be; infinite ones say "unknown"."""
+    """Return an interval of a difference limited to possible differences of shares; infinite ones mean "unknown"."""
     if measure not in SHARES or not all(map(math.isfinite, interval)):
         return interval
     return max(interval[0], -1.0), min(interval[1], 1.0)
 
 
 def _curve(conditions: Sequence[ConditionResult], margin: float, seed: int) -> Leaving | None:
-    """Return where the share of correct orders leaves the margin; conditions of other codecs are left out."""
+    """Return where the share of correct orders leaves the margin; conditions with other codecs are omitted."""
     codecs = [each.codec for each in conditions if each.codec != "raw"]
     along = [each for each in conditions if each.codec == "raw" or each.codec == (codecs or [""])[0]]
     values = [each.multiplier for each in along]

@@ -16,7 +16,7 @@ TASKS: Final[dict[str, tuple[type[Row], str]]] = {
     "order": (OrderRow, "Ordering of three virtual tissues by stiffness"),
     "limits": (LimitsRow, "Just-noticeable difference of a force at the fingertip"),
 }
-# Columns to which BIDS gives another name; the others have the name of the row's attribute.
+# Columns with another name in BIDS; the others keep the name of the row's attribute.
 BIDS_NAMES: Final = {"onset_s": "onset", "duration_s": "duration", "response_time_s": "response_time"}
 
 
@@ -57,7 +57,7 @@ def _bids(
         told = f"SIMULATED: no person took part; the observer {', '.join(observers)} answered."
         name, description = f"{name} (simulated)", f"{told} Made by hapticnet experiment."
     version = next((row.version for row in every if row.version), None)
-    path = source / PLAN_FILE  # which is not there in a folder that holds only some files of a study
+    path = source / PLAN_FILE  # which is missing in a folder with only some files of a study
     plan = find_plan(str(path)) if path.exists() else None
     dataset: dict[str, Any] = {
         "Name": name,
@@ -68,7 +68,7 @@ def _bids(
     }
     readme = (
         f"# {name}\n\n{description}\n\n"
-        "One row for each event; the column `event` tells its kind, and rows with `trial` are answered trials.\n"
+        "One row for each event; the column `event` has its kind, and rows with `trial` are answered trials.\n"
         "Missing values are `n/a`. Participants have numbers; names were never stored.\n"
     )
     questions = [] if plan is None else plan.question
@@ -96,7 +96,7 @@ def _bids(
         kind, title = TASKS[task]
         stem = f"sub-{person}/ses-{session}/beh/sub-{person}_ses-{session}_task-{task}_events"
         names = {attribute: column for column, attribute in columns(kind).items()}
-        first = ["onset_s", "duration_s"]  # as BIDS has them
+        first = ["onset_s", "duration_s"]  # as in BIDS
         attributes = first + [each for each in names if each not in first]
         shown = [BIDS_NAMES.get(attribute, attribute) for attribute in attributes]
         cells = [dict(zip(names, to_line(row).rstrip("\n").split("\t"), strict=True)) for row in table]

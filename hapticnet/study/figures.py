@@ -36,13 +36,13 @@ def draw_results(results: Results, folder: Path) -> list[Path]:
 
 
 def _title(axes: Any, text: str, results: Results, *below: str, **look: Any) -> None:
-    """Set the title of a figure, which says in lines of its own if the data are simulated."""
+    """Set the title of a figure, with separate lines if the data are simulated."""
     told = wrap(f"SIMULATED ({', '.join(results.simulated)})", TITLE_WIDTH) if results.simulated else []
     axes.set_title("\n".join([text, *told, *below]), **look)
 
 
 def _people(axes: Any, place: float, values: Sequence[float], factor: float, span: float, *, aside: float) -> None:
-    """Draw each participant as a point beside `place`; those within 2 % of the axis' span stand side by side."""
+    """Draw each participant as a point beside `place`; those within 2 % of the axis' span are side by side."""
     known = [value * factor for value in values if math.isfinite(value)]
     rows = Counter(round(value / (0.02 * span)) for value in known)
     drawn: Counter[int] = Counter()

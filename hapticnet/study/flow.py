@@ -1,6 +1,6 @@
-"""A session as a state machine without input or output: what to show, to perform and to store, and which keys answer.
+"""A session as a state machine without input or output: what to show, perform and store, and which keys are valid.
 
-Where a session stands follows from its rows alone, so a session that was killed goes on where its table ends. A front
+The state of a session follows from its rows alone, so a killed session continues where its table ends. A front
 (terminal, page, simulated observer) shows `Flow.screen`, lets the rig perform `Flow.activity`, and calls `press`,
 `complete` and `abort`; `session.conduct` stores the rows of each call before the next one.
 """
@@ -19,20 +19,20 @@ from hapticnet.study.screens import Screen, ScreenKind, Screens
 
 NO_CONSENT: Final = "no consent"  # reason for the end of a session whose participant did not agree
 KILLED: Final = "the process ended during the trial"
-CALM_US: Final = 1_000_000  # time [µs] before Escape ends the session: a second press was meant for the trial
+CALM_US: Final = 1_000_000  # time [µs] before Escape ends the session: an earlier second press was meant for the trial
 
 
 class Flow(ABC, Generic[AnyRow]):
-    """What is common to both tasks of a study.
+    """The common part of both tasks of a study.
 
-    `schedule` is a `schedule_kind`; `rows` are those of earlier runs of this session, and this run begins at `now_us`
+    `schedule` is a `schedule_kind`; `rows` come from earlier runs of this session, and this run begins at `now_us`
     [µs]. `constants` are values of columns that are the same in all rows: participant, session, observer, device, and
-    those of the law. `questions` are asked about the participant after the consent.
+    the law. `questions` are asked about the participant after the consent.
     """
 
     kind: type[AnyRow]
     schedule_kind: type[Schedule]
-    item: str  # what is presented: a trial or a pair
+    item: str  # the kind of item: a trial or a pair
     _part: OrderPlan | LimitsPlan
 
     def __init__(
@@ -45,10 +45,10 @@ class Flow(ABC, Generic[AnyRow]):
         questions: Sequence[QuestionPlan] = (),
     ) -> None:
         self.rows = list(rows)
-        self.activity: Activity | None = None  # what the rig must perform now; None while only a key is awaited
+        self.activity: Activity | None = None  # the activity for the rig now; None while only a key is awaited
         self.answered = False  # whether the activity must be stopped, because there is an answer or an abort
-        self.deepest_m: float | None = None  # deepest place [m] of the needle in this trial, as the front notes it
-        self.done = False  # whether the session is over, or cannot go on now: then `failure` says why
+        self.deepest_m: float | None = None  # deepest position [m] of the needle in this trial, noted by the front
+        self.done = False  # whether the session is over, or cannot continue now: then `failure` says why
         self.failure: str | None = None
         self._plan = plan
         self._schedule = schedule
@@ -59,7 +59,7 @@ class Flow(ABC, Generic[AnyRow]):
         self._fresh: list[AnyRow] = []
         self._earlier = len(rows)
         self._begun_us = now_us
-        # A later run continues the time of the earlier ones, whatever the clock on the wall says meanwhile.
+        # A later run continues the time of the earlier ones, regardless of the wall clock.
         self._offset_s = max((each.onset_s or 0.0) + (each.duration_s or 0.0) for each in rows) if rows else 0.0
         self._shown_us = now_us
         self._met = False
@@ -69,7 +69,7 @@ class Flow(ABC, Generic[AnyRow]):
         if any(row.event == "end" for row in rows):
             self._finish()
             return
-        if rows and rows[-1].event == "started":  # part of this trial was felt, and it comes again
+        if rows and rows[-1].event == "started":  # part of this trial was felt, so it is repeated
             self.rows.append(replace(rows[-1], event="aborted", reason=KILLED))
             self._fresh.append(self.rows[-1])
             self._earlier += 1
@@ -84,12 +84,12 @@ class Flow(ABC, Generic[AnyRow]):
         return any(row.event == "end" and row.reason == NO_CONSENT for row in self.rows)
 
     def take_rows(self) -> list[AnyRow]:
-        """Return the rows that came since the last call; store them before anything else."""
+        """Return the rows since the last call; store them before anything else."""
         fresh, self._fresh = self._fresh, []
         return fresh
 
     def press(self, key: str, now_us: int) -> None:
-        """Take a key of the participant; keys that do nothing on this screen are ignored."""
+        """Process a key of the participant; keys without effect on this screen are ignored."""
         screen = self.screen
         early = screen.not_before_us is not None and now_us < screen.not_before_us
         if self.done or self.answered or (early and key == screens.ENTER):
@@ -125,18 +125,18 @@ class Flow(ABC, Generic[AnyRow]):
             self._take_key(key, now_us)
 
     def abort(self, reason: str) -> None:
-        """End the present activity without an answer; it comes again. Does nothing where nothing is performed."""
+        """End the present activity without an answer; it is repeated. Does nothing if there is none."""
         if self.activity is not None and not self.answered:
             self._abort = reason
             self._conclude(halted=True)
 
     def note_noise(self, level: float, now_us: int) -> None:
-        """Note that masking noise has another level now, as a share of full scale."""
+        """Note a new level of the masking noise, as a share of full scale."""
         if not self.done:
             self._emit("noise", now_us, text=f"level {level:.2f}")
 
     def complete(self, outcome: Outcome, now_us: int) -> None:
-        """Take what came of the activity."""
+        """Process the outcome of the activity."""
         activity, self.activity = self.activity, None
         reason, self._abort = self._abort, None
         self.answered = False
@@ -175,7 +175,7 @@ class Flow(ABC, Generic[AnyRow]):
             self._show(self._screens.repeat(self._why[why], now_us), now_us)
 
     def _go_on(self, now_us: int) -> None:
-        """Show what comes next."""
+        """Show the next screen."""
         if not any(row.event == "consent" for row in self.rows):
             if self._plan.consent == ASK:
                 text = self._plan.texts.agreement
@@ -196,20 +196,20 @@ class Flow(ABC, Generic[AnyRow]):
         return [question for question in self._questions if question.name not in asked]
 
     def _conclude(self, *, halted: bool) -> None:
-        """Let the activity come to its end; the participant sees at once that the key was taken."""
+        """Let the activity end; the participant sees at once that the key was accepted."""
         self.answered = True
         text = self._plan.texts.screens["halt_text" if halted else "moment_text"]
         self.screen = self._screens.make(ScreenKind.MOMENT, "moment", text=text)
 
     def _repeat(self, number: int, reason: str, why: str, now_us: int) -> None:
-        """Let the item come again, or stop if it was begun in vain too often in this run.
+        """Repeat the item, or stop if it failed too often in this run.
 
         Earlier runs do not count: they may have had another device.
         """
-        self._met = False  # who knows where the finger is now?
+        self._met = False  # the position of the finger is unknown now
         attempts = self._attempts(number, self.rows[self._earlier :])
         if attempts >= self._part.most_attempts:
-            self._stop(f"{self.item} {number} was begun {attempts} times in vain; the last time: {reason}")
+            self._stop(f"{self.item} {number} failed {attempts} times; the last time: {reason}")
         else:
             self._show(self._screens.repeat(self._why[why], now_us), now_us)
 
@@ -235,7 +235,7 @@ class Flow(ABC, Generic[AnyRow]):
 
     @abstractmethod
     def _progress(self) -> str:
-        """Return how far the session is."""
+        """Return the progress of the session."""
 
     def _show(self, screen: Screen, now_us: int, activity: Activity | None = None) -> None:
         self.screen = screen
@@ -248,7 +248,7 @@ class Flow(ABC, Generic[AnyRow]):
         self.screen = self._screens.make(ScreenKind.DONE, "done")
 
     def _stop(self, reason: str) -> None:
-        """Interrupt the session: it can go on later."""
+        """Interrupt the session: it can continue later."""
         self.done = True
         self.activity = None
         self.failure = reason
@@ -274,27 +274,27 @@ class Flow(ABC, Generic[AnyRow]):
 
     @abstractmethod
     def _prepare(self) -> None:
-        """Set up what depends on plan, schedule and rows."""
+        """Set up the state from plan, schedule and rows."""
 
     @abstractmethod
     def _next(self, now_us: int) -> None:
-        """Show what comes next, once there is consent."""
+        """Show the next screen, once there is consent."""
 
     @abstractmethod
     def _take_key(self, key: str, now_us: int) -> None:
-        """Take a key that only this task has."""
+        """Process a key that only this task has."""
 
     @abstractmethod
     def _values(self, outcome: Outcome | None) -> dict[str, Any]:
-        """Return the columns of the present item: those known before it, and those of what came of it."""
+        """Return the columns of the present item: those known beforehand, and those of its outcome."""
 
     @abstractmethod
     def _judge(self, outcome: Outcome, values: dict[str, Any]) -> tuple[Event, str | None, str]:
-        """Return event, reason and the text of why, if an item without a fault does not count; else None as reason.
+        """Return event, reason and the reason's text, if an item without a fault does not count; else None as reason.
 
         Adds the columns of an answer to `values`.
         """
 
     @abstractmethod
     def _accept(self, values: dict[str, Any], now_us: int) -> None:
-        """Take an item that counts."""
+        """Process an item that counts."""

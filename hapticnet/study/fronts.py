@@ -1,4 +1,4 @@
-"""Who answers at a terminal, or in the place of a participant: what shows the screens of a flow, and gives it keys.
+"""Fronts, which show the screens of a flow and pass it keys: a person at a terminal, or a simulated observer.
 
 `page.PageFront` is the front of a participant at a page in the browser.
 """
@@ -39,8 +39,8 @@ KEY_NAMES: Final = {
 
 CLEAR: Final = "\x1b[2J\x1b[H"
 WIDEST: Final = 80  # longest line: longer ones are hard to read
-READS_S: Final = 1.0  # time [s] that an observer takes for a screen without a question
-COUNTED: Final = ("practice", "trial", "aborted", "repeated", "rating")  # events after which an observer draws anew
+READS_S: Final = 1.0  # time [s] that an observer spends on a screen without a question
+COUNTED: Final = ("practice", "trial", "aborted", "repeated", "rating")  # new random numbers after these
 
 
 class Keyboard:
@@ -67,7 +67,7 @@ class Keyboard:
         try:
             asyncio.get_running_loop().add_reader(self._stdin, self._read)
             self._reads = True
-        except OSError:  # a file, or nothing: it cannot be waited for
+        except OSError:  # a file or nothing, which cannot be awaited
             self._on_key("")
         return self
 
@@ -104,19 +104,19 @@ class Stop:
     reason: str
 
 
-Said: TypeAlias = str | Stop  # what a person says: a key, or that the activity must end
+Said: TypeAlias = str | Stop  # a person's input: a key, or a request to end the activity
 
 
 class KeyFront(ABC):
     """Shows screens to a person, and passes keys on."""
 
     def __init__(self) -> None:
-        self.number = 0  # of the present question: a key counts for the question on which it was pressed, and no other
+        self.number = 0  # number of the present question: a key counts only for the question on which it was pressed
         self._shown: Screen | None = None
         self._said: asyncio.Queue[tuple[int | None, Said]] = asyncio.Queue()
 
     def hear(self, said: Said, number: int | None = None) -> None:
-        """Take what a person says, to the question of this number; None counts for any."""
+        """Accept a person's input to the question of this number; None counts for any."""
         self._said.put_nowait((number, said))
 
     async def show(self, flow: Flow[AnyRow]) -> None:
@@ -130,7 +130,7 @@ class KeyFront(ABC):
         return said if isinstance(said, str) else ""
 
     async def attend(self, flow: Flow[AnyRow], activity: "asyncio.Future[Outcome]", rig: Rig) -> Outcome:
-        """Pass keys on while an activity is performed; stop it when there is an answer."""
+        """Pass on keys during an activity; stop it when there is an answer."""
         listening = asyncio.ensure_future(self._next())
         try:
             while not activity.done():
@@ -180,13 +180,13 @@ class TerminalFront(KeyFront, Keyboard):
         self._live = sys.stdout.isatty()
 
     def _type(self, key: str) -> None:
-        # What comes through a pipe was written for all questions at once.
+        # Input from a pipe is for all questions.
         self.hear(key, self.number if key and self.is_terminal else None)
 
     async def _next(self) -> Said:
         said = await super()._next()
         if said == "":
-            raise UnavailableError("the terminal was closed; everything answered is stored, go on with --resume")
+            raise UnavailableError("the terminal was closed; every answer is stored, continue with --resume")
         return said
 
     def _print(self, flow: Flow[AnyRow]) -> None:
@@ -215,10 +215,10 @@ def in_lines(screen: Screen, texts: Texts, now_us: int) -> list[str]:
 
 
 class SimulatedFront:
-    """A simulated observer in the place of the participant: it answers every screen.
+    """A simulated observer instead of the participant: it answers every screen.
 
-    Its random numbers depend on `key` (seed, participant, session) and on how many trials there were, so a session that
-    goes on after a crash draws what it would have drawn. It `waits` where that costs nothing: in virtual time.
+    Its random numbers depend on `key` (seed, participant, session) and on the number of trials, so a session that
+    continues after a crash draws the same numbers. It `waits` where that costs nothing: in virtual time.
     """
 
     def __init__(self, settings: ObserverSettings, rig: Rig, key: tuple[int, int, int], *, waits: bool) -> None:

@@ -1,7 +1,7 @@
-"""Simulated observers, who answer in the place of a participant. Their results are titled "simulated".
+"""Simulated observers, who answer instead of a participant. Their results are titled "simulated".
 
-An observer decides on what reaches the finger: the forces of two stimuli, or the cues of each contact with a tissue
-(`Look`). `ObserverSettings` has the sources, docs/understand/observers.md what observers can show and what not.
+An observer decides from what reaches the finger: the forces of two stimuli, or the cues of each contact with a tissue
+(`Look`). `ObserverSettings` has the sources, docs/understand/observers.md says what observers can show.
 """
 
 import dataclasses
@@ -29,9 +29,9 @@ CUE_FIELDS: Final[Mapping[Cue, str]] = {
     "updates": "updates",
 }
 
-# A JND is the difference that is told right in 75 % of forced choices: 0.954 standard deviations of one judgement.
+# A JND is the difference recognised in 75 % of forced choices: 0.954 standard deviations of one judgement.
 SIGMAS_PER_JND: Final = NormalDist().inv_cdf(0.75) * math.sqrt(2.0)
-LEAST_FORCE_N: Final = 0.01  # smaller cues are raised to it before the logarithm: a tissue hardly felt is very soft
+LEAST_FORCE_N: Final = 0.01  # smaller cues are raised to this before the logarithm: a tissue hardly felt is very soft
 RATING_SD: Final = 0.7
 RESPONSE_SPREAD: Final = 0.4
 
@@ -41,37 +41,37 @@ LARGEST: Final = {  # largest value of each parameter
 }  # fmt: skip
 
 EARLY_M: Final = 3e-3  # indentation [m] over which the early force is averaged
-LEAST_DEPTH_M: Final = 1e-3  # a contact with less indentation [m] is no look at the tissue: tremor grazes a surface
+LEAST_DEPTH_M: Final = 1e-3  # a contact with less indentation [m] does not count: tremor grazes a surface
 STEP_FROM_N: Final = 0.3  # held force [N] above which steps are measured; below it the threshold's floor enlarges them
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Look:
-    """What a finger learns from one contact with one tissue."""
+    """Cues from one contact with one tissue."""
 
     tissue: int  # number from front to back, from 0
     peak_n: float  # largest felt force
-    slope_n_per_m: float  # of the felt force against position while the tip goes in
+    slope_n_per_m: float  # slope of the felt force against position while the tip goes in
     early_n: float  # mean felt force over the first `EARLY_M`
-    work_j: float  # felt force times the way in
+    work_j: float  # felt force times the distance in
     updates: int  # changes of the held force
     step: float  # median of |ln(after / before)| of the held force over updates; 0 without one
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ObserverSettings:
-    """Perception of an observer. JNDs are relative differences that are told right in 75 % of forced choices."""
+    """Perception of an observer. JNDs are relative differences recognised in 75 % of forced choices."""
 
     name: str = "literature"  # in tables and reports
-    # Terminal force is what people order by: Fu, van Paassen & Mulder 2017; Tan, Durlach, Beauregard & Srinivasan 1995.
+    # People order by terminal force: Fu, van Paassen & Mulder 2017; Tan, Durlach, Beauregard & Srinivasan 1995.
     cue: Cue = "peak"
     # Of one force: Pang, Tan & Durlach 1991, active pinch, 2.5-10 N. About 10 % at the index finger at 2-5 N.
     force_jnd: float = 0.07
     # Noise [N] of a felt force as the force vanishes, an assumption: JNDs are 15-27 % below 0.5 N (quoted
     # in Scientific Reports 2022, s41598-022-12010-0).
     force_floor_n: float = 0.0125
-    # Of two tissues touched once: between Tan and others 1995 (22 %) and Jones & Hunter 1990 (23 %). What exceeds the
-    # noise of force does not shrink with more contacts, because it is of the memory.
+    # Of two tissues touched once: between Tan and others 1995 (22 %) and Jones & Hunter 1990 (23 %). The part above the
+    # noise of force does not shrink with more contacts, because it belongs to memory.
     stiffness_jnd: float = 0.225
     criterion: float = 1.64  # standard deviations of the felt difference that are called "different": an assumption
     # Standard deviation over participants of the logarithm of all noise: an assumption, within which the paper's
@@ -81,7 +81,7 @@ class ObserverSettings:
     step_masking: float = 0.0  # noise that a step adds, in multiples of the step: fitted, see `OBSERVERS`
     step_lapses: float = 0.0  # share of guesses for each unit of the step: fitted
     rhythm: float = 0.0  # share of trials, for each unit of the step, ordered by the number of updates: fitted
-    annoyance: float = 1.0  # by how much a rating falls for a step of one `force_jnd`: an assumption
+    annoyance: float = 1.0  # fall of a rating for a step of one `force_jnd`: an assumption
     response_s: float = 2.0  # median time to an answer: an assumption
     answering: Answering = ""  # "same": always that answer; "never": never "different". For tests of the procedures
 
@@ -122,7 +122,7 @@ class ObserverSettings:
         )
 
 
-FITTED_STIFFNESS_JND: Final = 0.255  # with it the peak cue gives the paper's 77.5 % without compression
+FITTED_STIFFNESS_JND: Final = 0.255  # this value gives the paper's 77.5 % without compression, with the peak cue
 OBSERVERS: Final[Mapping[str, ObserverSettings]] = {
     each.name: each
     for each in (
@@ -178,7 +178,7 @@ def labelled(name: str) -> str:
 
 
 class Observer:
-    """A simulated participant, of a perception that `ObserverSettings.of_participant` draws."""
+    """A simulated participant, with a perception drawn by `ObserverSettings.of_participant`."""
 
     def __init__(self, settings: ObserverSettings, rng: np.random.Generator) -> None:
         self.settings = settings
@@ -206,7 +206,7 @@ class Observer:
     def order(self, contacts: Sequence[Look], tissues: int = 3) -> tuple[int, ...]:
         """Return the tissues from softest to hardest, numbered from 0, front to back, after these contacts.
 
-        A tissue that was not touched is taken for the softest.
+        An untouched tissue counts as the softest.
         """
         if self.settings.answering:
             return tuple(range(tissues))
@@ -250,10 +250,10 @@ def judged(
     *,
     factor: FloatArray | float = 1.0,
 ) -> "np.ndarray[tuple[int, ...], np.dtype[np.int64]]":
-    """Return the orders that an observer would answer in many trials, from softest to hardest, shape (n, tissues).
+    """Return an observer's answers in many trials, from softest to hardest, shape (n, tissues).
 
-    `cues`, `updates`, `steps` and `counts` of contacts are of each trial and tissue, shape (n, tissues); by `factor`,
-    shape (n, 1), each trial's observer is noisier than the settings.
+    `cues`, `updates`, `steps` and `counts` of contacts belong to each trial and tissue, shape (n, tissues); `factor`,
+    shape (n, 1), scales the noise of each trial's observer.
     """
     trials = len(cues)
     step = steps.mean(axis=1, keepdims=True)
@@ -273,10 +273,10 @@ def judged(
 
 
 def contacts(played: Played) -> list[Look]:
-    """Return what the finger felt of each contact of a trial, in order of time.
+    """Return the cues of each contact of a trial, in order of time.
 
     A contact begins when the tip passes a surface inwards. It ends when the tip leaves through the same surface, or is
-    as far behind the breach as there is space before the next surface, so that what the device feels late still counts.
+    as far behind the breach as there is space before the next surface, so that late forces of the device still count.
     """
     position_m, held_n, felt_n = (played.ticks[name] for name in ("position_m", "held_n", "sensed_n"))
     surfaces_m = played.stimulus.surfaces_m

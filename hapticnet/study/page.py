@@ -1,7 +1,7 @@
 """The participant's page: the operator view of the live page, with the screens of a session.
 
-The participant answers with keys or clicks; the experimenter is at the terminal. What the page is not told, it cannot
-show: the scene message has no stiffness, and no message has a force, a codec, a condition or a count of packets.
+The participant answers with keys or clicks; the experimenter is at the terminal. The page cannot show what it does not
+get: the scene message has no stiffness, and no message has a force, a codec, a condition or a count of packets.
 """
 
 from collections.abc import Callable
@@ -39,7 +39,7 @@ STOPPED: Final = Stop("the experimenter stopped")
 
 
 class SeenHand:
-    """An operator whose positions are kept for the page."""
+    """An operator that records its positions for the page."""
 
     def __init__(self, operator: Operator) -> None:
         self.operator = operator
@@ -65,7 +65,7 @@ class SeenHand:
 class ParticipantPage(KeyFront, Audience):
     """Shows a participant the screens of a session, and the scene during a trial.
 
-    `hand` is None if nothing is to be moved; `source` says in a word where its positions come from. `say` is called
+    `hand` is None if nothing moves; `source` names the source of its positions in a word. `say` is called
     with lines for the experimenter: what the participant sees, never the condition.
     """
 
@@ -86,7 +86,7 @@ class ParticipantPage(KeyFront, Audience):
         self._flow: Flow[Any] | None = None
         self._activity: Activity | None = None
         self._level = 0.0
-        self._printed = 0  # number of the question that was shown last
+        self._printed = 0  # number of the last question shown
         self._scene: SceneSettings | None = None
         self._mirror: Mirror | None = None
         self._is_ready = False
@@ -94,18 +94,18 @@ class ParticipantPage(KeyFront, Audience):
 
     @property
     def parting(self) -> tuple[int, str]:
-        """A session that is not over may go on, and the page with it."""
+        """A session that is not over may continue, and the page with it."""
         over = self._shown is not None and self._shown.kind is ScreenKind.DONE
         return super().parting if over else (WSCloseCode.GOING_AWAY, "the session is interrupted")
 
     async def attend(self, flow: Flow[AnyRow], activity: "asyncio.Future[Outcome]", rig: Rig) -> Outcome:
-        """Pass keys on while an activity is performed; stop it when there is an answer, or nobody to give one."""
+        """Pass on keys during an activity; stop it when there is an answer, or no page."""
         if not self.clients:
             self.hear(CLOSED)
         return await super().attend(flow, activity, rig)
 
     def hear_experimenter(self, key: str) -> None:
-        """Take a key of the experimenter: Escape stops what is performed."""
+        """Process a key of the experimenter: Escape stops the activity."""
         if key == screens.ESCAPE:
             self.hear(STOPPED)
 
@@ -127,14 +127,14 @@ class ParticipantPage(KeyFront, Audience):
         self._printed = self.number
 
     def note(self, event: NodeEvent, now_us: int) -> None:
-        """Let the participant begin when there is a session with the slave."""
+        """Let the participant begin once there is a session with the slave."""
         del now_us
         if isinstance(event, Connected) and self._scene is not None:
             self._restart()
             self._tell_ready(True)
 
     def refusal(self) -> tuple[CloseCode, str] | None:
-        """Return why one page more is not served: only one can answer."""
+        """Return why another page is refused: only one can answer."""
         return (CloseCode.ANOTHER_PAGE, OTHER_PAGE) if self.clients else None
 
     def connect(self, client: Client) -> None:
@@ -143,7 +143,7 @@ class ParticipantPage(KeyFront, Audience):
         self._say("the participant's page is open")
 
     def disconnect(self, client: Client) -> None:
-        """Withdraw the needle, and end what is performed."""
+        """Withdraw the needle, and end the activity."""
         super().disconnect(client)
         self._say("the participant's page is closed")
         self._note_noise(0.0)
@@ -229,7 +229,7 @@ class ParticipantPage(KeyFront, Audience):
 
 
 def _line(flow: Flow[Any]) -> str:
-    """Return what the participant sees in a line, and after a trial in vain why it was."""
+    """Return the participant's screen as a line, with the reason after a failed trial."""
     screen = flow.screen
     line = f"{screen.title} ({screen.progress})" if screen.progress else screen.title
     if screen.kind is ScreenKind.REPEAT:

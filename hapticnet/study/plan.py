@@ -1,4 +1,4 @@
-"""The plan of a study: what is asked of each participant, as a TOML file. Times are in seconds, forces in newton."""
+"""The plan of a study: the tasks of each participant, as a TOML file. Times are in seconds, forces in newton."""
 
 import hashlib
 import json
@@ -23,9 +23,9 @@ from hapticnet.study.screens import Texts, english
 # 5 N, is felt as 4.6 N: the upper gap shrinks from ln(5/3.5) = 0.357 to ln(4.54/3.33) = 0.309.
 REACHABLE_BREACH_FORCES_N: Final = (1.8, 3.15, 4.5)
 PLAN_FILE: Final = "plan.toml"  # name of the plan within the folder of a study
-ASK: Final = "ask"  # what a plan says of the consent: it is asked for on the screen,
-NO_CONSENT: Final = "none, because "  # or it is not, for a reason
-# Largest force [N] that is asked of the device (docs/understand/safety.md). Two forces beyond it feel the same.
+ASK: Final = "ask"  # a plan's entry for the consent: it is asked for on the screen,
+NO_CONSENT: Final = "none, because "  # or it is not, with a reason
+# Largest force [N] requested from the device (docs/understand/safety.md). Two forces beyond it feel the same.
 REACHED_N: Final = MAX_FORCE_N - ForceControlSettings().headroom_n
 
 Arrangement: TypeAlias = Literal["blocked", "interleaved"]
@@ -46,11 +46,11 @@ def _channel(spec: str) -> str:
 
 
 def _texts(spec: object, info: ValidationInfo) -> object:
-    """Return the texts that a plan names: a file beside it, or the texts themselves, as a stored plan has them."""
+    """Return the texts that a plan names: a file beside it, or, in a stored plan, the texts themselves."""
     if not isinstance(spec, str):
         return spec
     if not spec.endswith(".toml"):
-        raise ValueError(f"texts {spec!r} is no .toml file; write one with 'hapticnet experiment texts'")
+        raise ValueError(f"texts {spec!r} is not a .toml file; write one with 'hapticnet experiment texts'")
     path = (info.context if isinstance(info.context, Path) else Path()) / user_path(spec)
     try:
         return parse_document(read_document(path), str(path), Texts)
@@ -66,7 +66,7 @@ class ConditionPlan(BaseModel):
 
     model_config = STRICT
 
-    name: Annotated[str, Field(min_length=1, max_length=40)]  # what reports call it; the participant never sees it
+    name: Annotated[str, Field(min_length=1, max_length=40)]  # its name in reports; the participant never sees it
     codec: str = "deadband"  # as written for ``--codec``; "raw" sends every sample
     multiplier: Annotated[float, Field(ge=0.0, le=1000.0)] = 1.0  # threshold in JNDs; not used by "raw"
 
@@ -84,14 +84,14 @@ class OrderPlan(BaseModel):
     breach_forces_n: Annotated[list[Force], Field(min_length=3, max_length=3)] = list(PAPER_BREACH_FORCES_N)
     gap_m: Annotated[float, Field(gt=0.001, le=0.1)] = PAPER_GAP_M  # between surfaces; each is breached at half of it
     trials: Count = 10  # of each condition
-    arrangement: Arrangement = "blocked"  # whether the trials of a condition come together; the paper does not say
+    arrangement: Arrangement = "blocked"  # whether the trials of a condition are together; the paper does not say
     practice: Annotated[int, Field(ge=0, le=100)] = 3  # trials of a round
-    practice_pairs: Annotated[int, Field(ge=0, le=300)] = 8  # pairs of tissues that must be right among them
+    practice_pairs: Annotated[int, Field(ge=0, le=300)] = 8  # pairs of tissues that must be right in a round
     practice_rounds: Count = 3  # at most
     break_s: Seconds = 60.0  # shortest break between two blocks
     time_limit_s: Annotated[float, Field(gt=0.0, le=3600.0)] = 180.0  # of a trial; the paper states none: an assumption
-    rating: bool = True  # whether the quality of experience is asked for after each block
-    least_delivered: Share = 0.8  # of the held peak that must be sensed in each tissue; else the trial is repeated
+    rating: bool = True  # whether to ask for the quality of experience after each block
+    least_delivered: Share = 0.8  # share of the held peak to be sensed in each tissue, or the trial is repeated
     most_attempts: Count = 5  # of a trial that fails, before the session stops
     equivalence_margin: Share = 0.1  # difference in the share of correct orders below which conditions count as equal
 
@@ -116,12 +116,12 @@ class LimitsPlan(BaseModel):
     start: Annotated[float, Field(ge=0.0, le=1.0)] = 0.03  # largest start of a series; each is drawn from 0 to this
     largest: Share = 0.4  # difference at which a series ends without a "different"
     catch: Annotated[float, Field(ge=0.0, le=1.0)] = 0.33  # share of further series in which nothing changes
-    most_false_alarms: Share = 0.25  # of their pairs called different; with more, the JND is excluded
-    most_censored: Annotated[int, Field(ge=0, le=1000)] = 2  # series of a reference without a "different"; same rule
+    most_false_alarms: Share = 0.25  # share of their pairs called different above which the JND is excluded
+    most_censored: Annotated[int, Field(ge=0, le=1000)] = 2  # the same for series without a "different"
     pairs: Annotated[int, Field(ge=5, le=1000)] = 40  # of a staircase
     stimulus_s: Annotated[float, Field(ge=0.2, le=10.0)] = 1.0  # duration of each force
     gap_s: Annotated[float, Field(ge=0.0, le=10.0)] = 0.5  # between the two
-    tolerance: Share = 0.15  # of the held force by which the sensed one may differ; else the pair is presented again
+    tolerance: Share = 0.15  # allowed deviation of the sensed force, as a share of the held one
     most_attempts: Count = 5  # of a pair that fails, before the session stops
     break_s: Seconds = 30.0  # shortest break, after each third of the series
 
@@ -135,7 +135,7 @@ class LimitsPlan(BaseModel):
             )
         strongest_n = max(self.references_n) * (1.0 + self.largest)
         if strongest_n > REACHED_N:
-            raise ValueError(f"the largest comparison is {strongest_n:g} N; the device ends at {REACHED_N:g} N")
+            raise ValueError(f"the largest comparison is {strongest_n:g} N; the device reaches only {REACHED_N:g} N")
         return self
 
 
@@ -147,8 +147,8 @@ class JndPlan(BaseModel):
     weber_fraction: Annotated[float, Field(ge=0.0, le=1.0)] = PAPER_WEBER_FRACTION  # as in ``master --weber``
     floor_n: Annotated[float, Field(ge=0.0, le=5.0)] = PAPER_FLOOR_N
     measured: UseOfJnd = "preferred"
-    """Use of each participant's own JND: "preferred" uses it where it was measured with the device of the ordering task
-    and no rule excludes it, and else the numbers above; "required" refuses a session without it; "ignored" uses the
+    """Use of each participant's own JND: "preferred" uses it if it was measured with the device of the ordering task
+    and no rule excludes it, otherwise the numbers above; "required" refuses a session without it; "ignored" uses the
     numbers above for all."""
 
 
@@ -185,7 +185,7 @@ class Plan(BaseModel):
     name: Annotated[str, Field(min_length=1, max_length=60)] = "paper"
     masking_noise: bool = False  # whether the page plays white noise from the first press on it
     texts: Annotated[Texts, BeforeValidator(_texts)] = Field(default_factory=english)  # or the path of their file
-    consent: str = ASK  # or "none, because " and why; what is agreed to is stored as the hash of its text
+    consent: str = ASK  # or "none, because " and the reason; the text agreed to is stored as a hash
     question: Annotated[list[QuestionPlan], Field(max_length=20)] = Field(default_factory=list)
     condition: Annotated[list[ConditionPlan], Field(min_length=1, max_length=20)] = Field(
         default_factory=_paper_conditions

@@ -1,4 +1,4 @@
-"""Power of a study and widths of its intervals, by simulation of many experiments. Nothing here is of people."""
+"""Power of a study and widths of its intervals, by simulation of many experiments. Nothing here comes from people."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -15,9 +15,9 @@ from hapticnet.study.statistics import ALPHA, chance_variance, equivalence, mean
 
 SHARE_SPREAD: Final = 0.7
 """Standard deviation over participants of the log odds of a correct order. An assumption; the paper's standard errors
-(5 to 7.5 % of 8 participants) are a little above what 10 trials each give without any."""
+(5 to 7.5 % of 8 participants) are slightly above those of 10 trials each without any."""
 
-CHUNK: Final = 100  # experiments that are simulated at a time
+CHUNK: Final = 100  # experiments simulated at a time
 LEAST_EFFECT: Final = 0.03
 NO_EFFECT: Final = (
     "These shares hardly differ between conditions, so no number of participants finds a difference. Choose the number"
@@ -60,7 +60,7 @@ def _log_odds(share: float, spread: float) -> float:
 
 @dataclass(frozen=True, slots=True)
 class Power:
-    """What a design of a study finds about one condition; differences are to the first one, 0 for that itself."""
+    """A design's findings about one condition; differences are from the first one, for which they are 0."""
 
     participants: int
     trials: int  # of each condition
@@ -83,7 +83,7 @@ def power(
     seed: int = 1,
     on_design: Callable[[int, int], None] = lambda _participants, _trials: None,
 ) -> list[Power]:
-    """Simulate experiments of each design (participants, trials of each condition) and return what they find.
+    """Simulate experiments of each design (participants, trials of each condition) and return the findings.
 
     `on_design` is called with each design before it is simulated. Raise SettingsError if a number is out of range.
     """

@@ -1,13 +1,13 @@
-"""How a JND is measured: pairs of forces in series, in which a staircase chooses the next difference after each answer.
+"""The measurement of a JND: series of pairs of forces, in which a staircase chooses each next difference.
 
-In the method of limits, series of pairs differ more and more until the participant says "different". The result depends
+In the method of limits, the pairs of a series differ more and more until the participant says "different". It depends
 on step and criterion: with steps of 0.005 to 0.05 N the same finger gives Weber fractions of 0.025 to 0.18. So every
 answer is stored, a step is a share of the reference, starts are random, and some series never change.
 
 In the two-interval forced choice, the participant says which of two forces is stronger, so there is no criterion. There
 are two staircases: 1-up-2-down (H. Levitt, "Transformed up-down methods in psychoacoustics", 1971), which settles where
 70.7 % of the answers are right, and a Bayesian one after Watson and Pelli ("QUEST", 1983), which asks where the answer
-tells most about the threshold. Both give the JND as the difference told right in 75 %.
+reveals most about the threshold. Both give the JND as the difference recognised in 75 %.
 """
 
 import math
@@ -24,12 +24,12 @@ from hapticnet.study.schedule import Series
 
 Z_75: Final = NormalDist().inv_cdf(0.75)  # standard deviations of the felt difference at 75 % right,
 Z_70: Final = NormalDist().inv_cdf(math.sqrt(0.5))  # and at 70.7 %, where 1-up-2-down settles
-LAPSE: Final = 0.02  # share of answers without regard to the stimulus; half of them are right. An assumption
+LAPSE: Final = 0.02  # share of answers given regardless of the stimulus; half of them are right. An assumption
 FIRST_SHARE: Final = 0.25  # difference with which a staircase begins, as a share of the reference: several JNDs
 SMALLEST_SHARE: Final = 0.002
 FACTORS: Final = (2.0, 1.41, 1.19)  # between two differences before the first reversal, before the third, and after
-REVERSALS: Final = 10  # after so many 1-up-2-down ends
-AVERAGED: Final = 6  # of the last reversals
+REVERSALS: Final = 10  # number of reversals after which 1-up-2-down ends
+AVERAGED: Final = 6  # number of last reversals that count
 GRID: Final = 121
 
 
@@ -48,7 +48,7 @@ class Ascending:
         return 0.0 if self._series.catch else self._series.start + self._asked * self._plan.step
 
     def answer(self, told: bool) -> None:
-        """Take whether it was called different."""
+        """Process the answer: whether it was called different."""
         if told:
             self.done = True
             self._jnd = None if self._series.catch else self.share()
@@ -77,7 +77,7 @@ class UpDown:
 
     @property
     def done(self) -> bool:
-        """Whether it has asked enough."""
+        """Whether it is finished."""
         return self._asked >= self.pairs or len(self._reversals) >= REVERSALS
 
     def share(self) -> float:
@@ -85,7 +85,7 @@ class UpDown:
         return min(self._share, self.largest)
 
     def answer(self, right: bool) -> None:
-        """Take the answer to it."""
+        """Process the answer to it."""
         self._asked += 1
         if right and self._right == 0:
             self._right = 1
@@ -109,7 +109,7 @@ class UpDown:
 
 
 class Bayesian:
-    """A posterior over the JND; each difference is the one whose answer is expected to narrow it most."""
+    """A posterior over the JND; each difference is the one whose answer should narrow it most."""
 
     def __init__(self, largest: float, pairs: int) -> None:
         self._largest = largest
@@ -122,7 +122,7 @@ class Bayesian:
 
     @property
     def done(self) -> bool:
-        """Whether it has asked enough."""
+        """Whether it is finished."""
         return self._asked >= self._pairs
 
     def share(self) -> float:
@@ -134,7 +134,7 @@ class Bayesian:
         return float(self._shares[int(gained.argmax())])
 
     def answer(self, right: bool) -> None:
-        """Take the answer to it."""
+        """Process the answer to it."""
         chances = self._right[int(np.abs(self._shares - self.share()).argmin())]
         self._asked += 1
         self._log_posterior += np.log(chances if right else 1.0 - chances)
@@ -180,13 +180,13 @@ class Question:
 
     @property
     def forces_n(self) -> tuple[float, float]:
-        """The forces [N] in the order in which they come."""
+        """The forces [N] in order of presentation."""
         comparison_n = self.reference_n + self.difference_n
         return (self.reference_n, comparison_n) if self.comparison_interval == 2 else (comparison_n, self.reference_n)
 
 
 class Procedure:
-    """Asks the questions of all series, one after the other, and those after `answers` that were given before.
+    """Asks the questions of all series, one after the other, continuing after earlier `answers`.
 
     For a forced choice, `intervals` has the interval of the comparison in each pair, ``plan.pairs`` for each series.
     """
@@ -194,8 +194,8 @@ class Procedure:
     def __init__(
         self, plan: LimitsPlan, series: Sequence[Series], intervals: Sequence[int] = (), answers: Iterable[str] = ()
     ) -> None:
-        self.thresholds: list[float | None] = []  # JND [N] of each series that is over; None if none was found
-        # Pairs of catch series that were answered, and those called different; None for a method without such series.
+        self.thresholds: list[float | None] = []  # JND [N] of each finished series; None if none was found
+        # Answered pairs of catch series, and those called different; None for a method without such series.
         self.catch_pairs = self.false_alarms = 0 if plan.method == "ascending" else None
         self._plan = plan
         self._series = series
@@ -214,7 +214,7 @@ class Procedure:
         return (UpDown if plan.method == "up-down" else Bayesian)(plan.largest, plan.pairs)
 
     def question(self) -> Question | None:
-        """Return the next pair; None when all series are over."""
+        """Return the next pair; None when all series are finished."""
         if self._staircase is None:
             return None
         plan, number, interval = self._plan, len(self.thresholds), 2
@@ -231,7 +231,7 @@ class Procedure:
         )
 
     def answer(self, answer: str) -> None:
-        """Take the answer to the present question: "same" or "different", or the interval that felt stronger."""
+        """Process the answer to the present question: "same" or "different", or the interval that felt stronger."""
         question, staircase = self.question(), self._staircase
         if question is None or staircase is None:
             return

@@ -1,4 +1,4 @@
-"""The chain of a session in real time: one device for all of it, and for each trial a session with the slave."""
+"""The chain of a session in real time: one device throughout, and a session with the slave for each trial."""
 
 import asyncio
 import math
@@ -44,7 +44,7 @@ CONNECT_WITHIN_S: Final = 10.0
 class RealRig:
     """The chain in real time. Use it as an asynchronous context manager.
 
-    `fingertip`, `wire` and `hand` stay for the whole session; `hand` is that of a person, or None for the scripted hand
+    `fingertip`, `wire` and `hand` stay for the whole session; `hand` is a person's, or None for the scripted hand
     of a simulated observer, which ends trials. `watchers` run beside the hand. The slave at `address` serves
     `scene.NamedTissues`; None without trials. `tell` is called with lines for the experimenter.
     """
@@ -106,7 +106,7 @@ class RealRig:
         return now_us()
 
     async def wait(self, duration_us: int) -> None:
-        """Let time [µs] pass while nothing is felt."""
+        """Let time [µs] pass without a force."""
         await asyncio.sleep(duration_us / 1e6)
 
     def stop(self) -> None:
@@ -168,7 +168,7 @@ class RealRig:
                 limit_s = (hand.duration_us + SETTLE_US) / 1e6
             await until(self._stop, limit_s)
         finally:
-            node.paused = "the trial is over"  # so that nothing is held while the session closes
+            node.paused = "the trial is over"  # so that no force is held while the session closes
             self.deepest_m = None
             self._press_nothing(now_us())
             self._closing = asyncio.ensure_future(self._close(runner))
@@ -181,7 +181,7 @@ class RealRig:
             self._playing = False
 
     def _tick(self, now: int) -> None:
-        """Drive the device while no trial does."""
+        """Drive the device between trials."""
         if self._playing:
             return
         procedure, performed = self._procedure, self._performed
@@ -211,7 +211,7 @@ class RealRig:
 
 
 class _Disturbances(Watcher[NodeEvent]):
-    """Ends a trial when its link or its device fails, and passes on what the hand and the wire need."""
+    """Ends a trial when its link or its device fails, and passes ticks and events to the hand and the wire."""
 
     name = "study"
 

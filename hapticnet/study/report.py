@@ -33,21 +33,21 @@ COMPARED: Final = (
 )
 
 SHARES: Final = (
-    "An interval of a share is of the share that participants like these would reach (Korn & Graubard 1998); the"
+    "An interval of a share covers the share that participants like these would reach (Korn & Graubard 1998); the"
     " standard error (s.e.) is over participants, n − 1. The paper printed means and standard errors only. It made no"
     " test; every probability below is of this study."
 )
 
 BYTES: Final = (
-    "Bytes and packets per penetration are those from the touch of a tissue to its breach, keepalives and UDP and IPv4"
-    " headers included, as in `hapticnet demo`; what is sent while nothing is touched, such as while the participant"
+    "Bytes and packets per penetration count from the touch of a tissue to its breach, keepalives and UDP and IPv4"
+    " headers included, as in `hapticnet demo`; traffic while nothing is touched, such as while the participant"
     " thinks, does not count. The saving grows with the rate of the samples and falls with the speed of the hand. The"
     " paper states neither, so its saving is a comparison, not a target; docs/benchmarks/tables.md has the saving over"
     " the rate, with the motion of the demo."
 )
 
 SIMULATED: Final = (
-    "**No person took part.** A program answered in the place of each participant; docs/understand/observers.md says"
+    "**No person took part.** A program answered instead of each participant; docs/understand/observers.md says"
     " what such answers can show and what they cannot."
 )
 
@@ -194,7 +194,7 @@ def _curve(results: Results) -> list[str]:
     text = [
         f"Shown to be equivalent to {reference!r}: " + (", ".join(each.condition for each in equal) or "nothing") + ".",
         "Shown to be worse: " + (", ".join(each.condition for each in worse) or "nothing") + ".",
-        "What is in neither list is undecided by these data.",
+        "These data do not decide about the others.",
     ]
     point, falls = results.curve, "The mean of the participants, made to fall monotonically"
     if point is None:
@@ -224,7 +224,7 @@ def _laws(results: Results) -> list[str]:
     blocks = ["## What 1 JND was", _markdown_table(cells)]
     if min(fractions) < max(fractions):
         spread = f"Weber fractions from {min(fractions):.3g} to {max(fractions):.3g}"
-        blocks.append(f"**1 JND is not the same for all**: {spread}, so a condition is not the same threshold for all.")
+        blocks.append(f"**1 JND differs between participants**: {spread}, so a condition has different thresholds.")
     return blocks
 
 

@@ -1,6 +1,6 @@
-"""The chain that a session plays its stimuli through: device and force loop, and for each trial a network and a scene.
+"""The chain through which a session plays its stimuli: device and force loop, and for each trial a network and a scene.
 
-A session meets the finger, presents pairs of forces (for a JND), and plays trials (of the ordering task). `VirtualRig`
+A session finds the finger, presents pairs of forces (for a JND), and plays trials (of the ordering task). `VirtualRig`
 runs in virtual time with a simulated device, `real_rig.RealRig` in real time.
 """
 
@@ -31,19 +31,19 @@ from hapticnet.study.trial import LINK_LOST, Played, Stimulus, played, scripted_
 
 TICK_US: Final = 1000
 LEAD_US: Final = 300_000  # time [µs] from the start of a presentation to the first force
-SLICE_US: Final = 100_000  # how often [µs] a trial in virtual time is asked for events
+SLICE_US: Final = 100_000  # interval [µs] at which a trial in virtual time is checked for events
 SETTLE_US: Final = 300_000  # time [µs] after the last motion of a script, until the device has delivered the last force
 LIFTED: Final = "the finger was lifted"
 LIFTED_N: Final = 0.1
 PRESSED_N: Final = 0.5
-LIFTED_US: Final = 500_000  # a finger is lifted if at most LIFTED_N is felt for so long although PRESSED_N is requested
+LIFTED_US: Final = 500_000  # a finger is lifted if at most LIFTED_N is felt for this long at PRESSED_N requested
 RECOVERY_US: Final = 1_000_000  # longest time [µs] in which the force loop recovers from a fault, at rest
 MakeHand: TypeAlias = Callable[[Stimulus], Operator]  # makes the hand of a trial
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Pair:
-    """Present two forces to compare, in the order in which they come."""
+    """Present two forces to compare, in this order."""
 
     forces_n: tuple[float, float]
     stimulus_us: int  # duration of each
@@ -52,7 +52,7 @@ class Pair:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Presented:
-    """What the device made of a pair: held forces, and means sensed in each second half [N]."""
+    """Result of a pair on the device: held forces, and means sensed in each second half [N]."""
 
     held_n: tuple[float, float]
     sensed_n: tuple[float, float]
@@ -70,15 +70,15 @@ class Presented:
 
 @dataclass(frozen=True, slots=True)
 class Meet:
-    """Let the platform meet the finger."""
+    """Let the platform find the finger."""
 
 
-Activity: TypeAlias = Meet | Pair | Stimulus  # what a rig performs; a stimulus until there is an answer
+Activity: TypeAlias = Meet | Pair | Stimulus  # activities of a rig; a stimulus lasts until there is an answer
 
 
 @dataclass(frozen=True, slots=True)
 class Fault:
-    """An activity failed, for `reason`; the finger must be met again if it was `lost`."""
+    """An activity failed, for `reason`; the finger must be found again if it was `lost`."""
 
     reason: str
     lost: bool = True
@@ -88,9 +88,9 @@ Outcome: TypeAlias = Met | Presented | Played | Fault
 
 
 class Rig(Protocol):
-    """What performs the activities of a session."""
+    """A performer of a session's activities."""
 
-    deepest_m: float | None  # deepest place [m] of the needle in the present trial; None without one, or if not known
+    deepest_m: float | None  # deepest position [m] of the needle in the present trial; None if unknown
 
     def now_us(self) -> int:
         """Return the time [µs]."""
@@ -102,11 +102,11 @@ class Rig(Protocol):
         """End the present activity: the force goes to zero at once."""
 
     async def wait(self, duration_us: int) -> None:
-        """Let time [µs] pass while nothing is felt."""
+        """Let time [µs] pass without a force."""
 
 
 class Presentation(Procedure):
-    """Present a pair. Each force rises and falls as the hold and the limiter let it."""
+    """Present a pair. Each force rises and falls as hold and limiter allow."""
 
     def __init__(self, fingertip: Fingertip, pair: Pair) -> None:
         super().__init__(fingertip)
@@ -115,7 +115,7 @@ class Presentation(Procedure):
         self._sums = [[0.0, 0.0], [0.0, 0.0]]
 
     def tick(self, now_us: int) -> bool:
-        """Do the next step; return whether both forces are over."""
+        """Do the next step; return whether both forces are finished."""
         elapsed_us = self._elapsed_us(now_us)
         if elapsed_us is None:
             self.fingertip.press(0.0, now_us)
@@ -128,7 +128,7 @@ class Presentation(Procedure):
             self.fingertip.press(0.0, now_us)
             return elapsed_us >= LEAD_US + 2 * period_us
         force_n = pair.forces_n[interval] if within_us < pair.stimulus_us else 0.0
-        self._hold.receive((force_n,), now_us)  # as a packet of each tick would
+        self._hold.receive((force_n,), now_us)  # like a packet in each tick
         self.fingertip.press(self._hold.value(now_us)[0], now_us)
         if pair.stimulus_us // 2 <= within_us < pair.stimulus_us and (reading := self.fingertip.reading) is not None:
             sums = self._sums[interval]
@@ -137,7 +137,7 @@ class Presentation(Procedure):
         return False
 
     def result(self) -> Presented:
-        """Return what was felt."""
+        """Return the felt forces."""
         first_n, second_n = (total_n / count if count else 0.0 for count, total_n in self._sums)
         return Presented(held_n=self._pair.forces_n, sensed_n=(first_n, second_n))
 
@@ -163,7 +163,7 @@ def disturbance(event: NodeEvent) -> Fault | None:
 def outcome_of(
     node: MasterNode, stimulus: Stimulus, fault: Fault | None, missed_ticks: int = 0, unix_offset_us: int = 0
 ) -> Played | Fault:
-    """Return what a master made of a trial, which a fault may have ended; the fault if it sent no position."""
+    """Return a master's record of a trial, which a fault may have ended; the fault if it sent no position."""
     found = played(node, stimulus, None if fault is None else fault.reason, missed_ticks, unix_offset_us)
     return found or fault or Fault("no position was sent", lost=False)
 
@@ -175,7 +175,7 @@ class LiftWatch:
         self._since_us: int | None = None
 
     def check(self, target_n: float, sensed_n: float, now_us: int) -> Fault | None:
-        """Return that the finger was lifted, once it is certain; call it every tick with the forces [N]."""
+        """Return whether the finger was certainly lifted; call it every tick with the forces [N]."""
         if target_n < PRESSED_N or sensed_n > LIFTED_N:
             self._since_us = None
         elif self._since_us is None:
@@ -195,10 +195,10 @@ def emulators(stimulus: Stimulus) -> tuple[Emulator[Any], Emulator[Any]]:
 
 
 class VirtualRig:
-    """The chain in virtual time. Nobody waits, and the same seeds give the same session. Each hand must end."""
+    """The chain in virtual time. Nothing waits, and the same seeds give the same session. Each hand must end."""
 
     def __init__(self, fingertip: Fingertip, settings: MasterSettings, *, make_hand: MakeHand = scripted_hand) -> None:
-        self.deepest_m: float | None = None  # a hand that ends by itself has been everywhere
+        self.deepest_m: float | None = None  # a scripted hand reaches every tissue
         self._fingertip = fingertip
         self._settings = settings
         self._make_hand = make_hand
@@ -209,7 +209,7 @@ class VirtualRig:
         return self._now_us
 
     async def wait(self, duration_us: int) -> None:
-        """Let time [µs] pass while nothing is felt."""
+        """Let time [µs] pass without a force."""
         end_us, fingertip = self._now_us + duration_us, self._fingertip
         recovered_us = min(end_us, self._now_us + RECOVERY_US)
         while fingertip.controller.fault is not None and self._now_us < recovered_us:
@@ -258,7 +258,7 @@ class VirtualRig:
 
 
 def play_trial(stimulus: Stimulus, *, make_hand: MakeHand = scripted_hand) -> Played:
-    """Play one trial in virtual time, with a device that has met the finger; raise UnavailableError if it fails."""
+    """Play one trial in virtual time, with a device that has found the finger; raise UnavailableError if it fails."""
     device = SimulatedDevice(PlantSettings(), np.random.default_rng([stimulus.seed, 9]))
     rig = VirtualRig(Fingertip(device, LimitSettings(), ForceControlSettings()), MasterSettings(), make_hand=make_hand)
     asyncio.run(rig.run(Meet()))

@@ -1,7 +1,7 @@
 """The rows of a session's table: one for each event, with a name, a unit and a description for each column.
 
-A table is a TSV file with PsychoPy's names where PsychoPy has one. Every event has the same columns; what is missing or
-does not apply is ``n/a``.
+A table is a TSV file with PsychoPy's names where PsychoPy has one. Every event has the same columns; missing values or
+inapplicable ones are ``n/a``.
 """
 
 import dataclasses
@@ -18,16 +18,16 @@ Event: TypeAlias = Literal[
     "begin", "consent", "question", "meet", "started", "practice", "trial", "aborted", "repeated", "rating", "break",
     "noise", "stopped", "end",
 ]  # fmt: skip
-"""What a row tells.
+"""The kind of a row.
 
-``begin``: the session began, or went on after a crash. ``consent``: the participant agreed, or ``text`` says why the
+``begin``: the session began, or continued after a crash. ``consent``: the participant agreed, or ``text`` says why the
 plan asks for no consent. ``question``: the answer to a question about the participant, in ``text``. ``meet``: the
-platform met the finger. ``started``: a trial or a pair began to be presented. ``practice``: a practice trial was
+platform found the finger. ``started``: the presentation of a trial or pair began. ``practice``: a practice trial was
 answered. ``trial``: a trial was answered; only these are analysed. ``aborted``: a trial ended without a valid answer,
-for ``reason``, and comes again. ``repeated``: a trial was answered, but the device did not deliver its forces; it comes
-again. ``rating``: a quality of experience was given for the block. ``break``: a break is over. ``noise``: the page
+for ``reason``, and is repeated. ``repeated``: a trial was answered, but the device did not deliver its forces; it is
+repeated. ``rating``: a quality of experience was given for the block. ``break``: a break is over. ``noise``: the page
 plays masking noise at the level in ``text``, a share of full scale; 0 is off. ``stopped``: the session was ended early,
-for ``reason``; it can go on. ``end``: the session is complete.
+for ``reason``; it can continue. ``end``: the session is complete.
 """
 
 
@@ -56,7 +56,7 @@ class Row:
     text: str | None = column("Further information, such as the SHA-256 of the text agreed to.")
     observer: str | None = column("Name of the simulated observer; n/a for a person.")
     device: str | None = column("The fingertip device.")
-    missed_ticks: int | None = column("Ticks of the master that were left out because the process was late.")
+    missed_ticks: int | None = column("Ticks of the master that were skipped because the process was late.")
     link_stale: int | None = column("How often the link went silent.")
     seed: int | None = column("Seed of the trial.")
     version: str | None = column("Version of hapticnet.")
@@ -151,7 +151,7 @@ AnyRow = TypeVar("AnyRow", bound=Row)
 
 
 def answers_about(rows: Iterable[Row]) -> dict[str, str]:
-    """Return what was answered about a participant, by the name of the question."""
+    """Return the answers about a participant, by the name of the question."""
     answers = (row.text.partition(": ") for row in rows if row.event == "question" and row.text)
     return {name: answer for name, _, answer in answers}
 

@@ -1,4 +1,4 @@
-"""The tissues of a trial, which the master names: one slave serves a whole session, here or on another host.
+"""The tissues of a trial, named by the master, so that one slave serves a whole session, here or on another host.
 
 ::
 
@@ -44,10 +44,10 @@ def master_name(number: int, breach_forces_n: Sequence[float], gap_m: float) -> 
 
 
 class NamedTissues:
-    """Three tissues whose breach forces the name of the master tells. See the module."""
+    """Three tissues whose breach forces are in the master's name. See the module."""
 
     axes = 1
-    name = "study"  # what masters see; it must not tell the order
+    name = "study"  # the name that masters see; it must not reveal the order
 
     def __init__(self) -> None:
         self._scene: Scene | None = None

@@ -1,4 +1,4 @@
-"""Everything random of a session, drawn before it begins, from one seed, and stored."""
+"""All random choices of a session, drawn before it begins, from one seed, and stored."""
 
 import json
 import re
@@ -21,7 +21,7 @@ CATCH_PAIRS: Final = (3, 10)  # smallest and largest number of pairs in a catch 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Schedule(ABC):
-    """What is common to the schedules of both tasks."""
+    """The common part of both tasks' schedules."""
 
     participant: str
     session: int
@@ -31,7 +31,7 @@ class Schedule(ABC):
     @classmethod
     @abstractmethod
     def draw(cls, plan: Plan, participant: str, session: int, seed: int) -> Self:
-        """Return the schedule of a session; raise SettingsError if a number is none, or cannot be used."""
+        """Return the schedule of a session; raise SettingsError if a number is invalid."""
 
     @abstractmethod
     def lines(self, plan: Plan) -> list[str]:
@@ -43,7 +43,7 @@ class Schedule(ABC):
 
     @classmethod
     def from_json(cls, text: str, source: str) -> Self:
-        """Return the schedule in a text; raise FileError if it is none."""
+        """Return the schedule in a text; raise FileError if it is invalid."""
         try:
             return TypeAdapter(cls).validate_json(text)
         except ValidationError as error:
@@ -51,14 +51,14 @@ class Schedule(ABC):
 
 
 def participant_number(participant: str) -> int:
-    """Return the number of a participant such as "03"; raise SettingsError if it is none. Names are not stored."""
+    """Return the number of a participant such as "03"; raise SettingsError if it is invalid. Names are not stored."""
     if not re.fullmatch(r"[0-9]{1,6}", participant):
         raise SettingsError(f"participant {participant[:40]!r}: expected a number such as 03; names are not stored")
     return int(participant)
 
 
 def _generator(participant: str, session: int, seed: int, part: int) -> tuple[np.random.Generator, int]:
-    """Return the source of everything random in a part of a session, and the number of the participant."""
+    """Return the random generator for a part of a session, and the number of the participant."""
     number = participant_number(participant)
     check_integer("session", session, 1, 1000)
     check_integer("seed", seed, 0, LARGEST_SEED)
@@ -72,9 +72,9 @@ class OrderTrial:
     index: int  # number in the schedule, from 0; practice trials have their own numbers
     block: int
     condition: int | None  # number in the plan; None in practice, which is not compressed
-    repetition: int  # how often its condition came before
+    repetition: int  # earlier trials of its condition
     breach_forces_n: tuple[float, ...]  # front to back
-    seed: int  # of everything random within the trial
+    seed: int  # seed of all random numbers in the trial
 
     @property
     def order(self) -> str:
@@ -85,7 +85,7 @@ class OrderTrial:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class OrderSchedule(Schedule):
-    """The trials of a session in the order in which they come, and the practice trials of all rounds."""
+    """The trials of a session in order, and the practice trials of all rounds."""
 
     practice: tuple[OrderTrial, ...]
     trials: tuple[OrderTrial, ...]
@@ -113,7 +113,7 @@ class OrderSchedule(Schedule):
         else:
             for repetition in range(order.trials):
                 now = row[(number - 1 + repetition) % len(row)]
-                # As many trials make a block, and so come between two breaks, as in a blocked session.
+                # Blocks have as many trials between two breaks as in a blocked session.
                 start = repetition * conditions
                 sequence += [((start + place) // order.trials, now[place], repetition) for place in range(conditions)]
         practice_n = _forces(plan, max(1, order.practice * order.practice_rounds), rng)
@@ -145,7 +145,7 @@ class OrderSchedule(Schedule):
 
 
 def williams_square(conditions: int) -> tuple[tuple[int, ...], ...]:
-    """Return orders of conditions in which each comes equally often at each place and after each other one.
+    """Return orders of conditions in which each occurs equally often at each place and after each other one.
 
     With an even number there are as many orders as conditions, with an odd one twice as many. E. J. Williams,
     "Experimental designs balanced for the estimation of residual effects of treatments", 1949.
@@ -160,7 +160,7 @@ def williams_square(conditions: int) -> tuple[tuple[int, ...], ...]:
 
 
 def _forces(plan: Plan, trials: int, rng: np.random.Generator) -> list[tuple[float, ...]]:
-    """Return breach forces [N] of so many trials, each run of six with all orders."""
+    """Return breach forces [N] of this many trials, each run of six with all orders."""
     drawn: list[tuple[float, ...]] = []
     while len(drawn) < trials:
         for index in rng.permutation(len(ORDERS)).tolist():
@@ -193,7 +193,7 @@ class LimitsSchedule(Schedule):
     def draw(cls, plan: Plan, participant: str, session: int, seed: int) -> Self:
         """Return the schedule of a measurement.
 
-        The references come in a Latin square by repetition and participant; catch series stand at random places.
+        The references come in a Latin square by repetition and participant; catch series are at random places.
         """
         rng, number = _generator(participant, session, seed, 2)
         limits, references = plan.limits, plan.limits.references_n

@@ -1,4 +1,4 @@
-"""What a participant reads and sees, and which keys answer it: the texts of a TOML file, and screens."""
+"""The participant's texts, from a TOML file, and screens with their keys."""
 
 import enum
 import hashlib
@@ -24,19 +24,19 @@ YES: Final = "y"
 NO: Final = "n"
 PREFER_NOT: Final = "0"
 RATING_KEYS: Final = tuple("1234567")
-READ_US: Final = 1_000_000  # feedback stays so long [µs]: a second press of Enter was meant for the screen before it
-Keys: TypeAlias = tuple[tuple[str, str], ...]  # keys that do something, with what they do
+READ_US: Final = 1_000_000  # feedback stays this long [µs]: an early Enter was meant for the previous screen
+Keys: TypeAlias = tuple[tuple[str, str], ...]  # active keys, with their effects
 KEYS: Final = {  # the key of each action, by the name of its text
     "go_on": ENTER, "confirm": ENTER, "undo": BACKSPACE, "end": ESCAPE, "stop": ESCAPE, "agree": YES, "disagree": NO,
     "same": SAME, "different": DIFFERENT, "first": "1", "second": "2", "prefer_not": PREFER_NOT,
 }  # fmt: skip
 
-SHIPPED: Final = "the texts that are shipped"  # what is validated without a comparison with itself
+SHIPPED: Final = "the texts that are shipped"  # set while validating without a comparison with itself
 Table: TypeAlias = dict[str, Annotated[str, NOT_BLANK, Field(max_length=4000)]]
 
 
 class Texts(BaseModel):
-    """Everything that a participant reads. Each table has the keys of ``texts.toml``, which says what they are for."""
+    """All texts for a participant. Each table has the keys of ``texts.toml``, which explains them."""
 
     model_config = STRICT
 
@@ -52,22 +52,22 @@ class Texts(BaseModel):
 
     @property
     def agreement(self) -> str:
-        """What a participant agrees to: all paragraphs of the consent."""
+        """The text a participant agrees to: all paragraphs of the consent."""
         return "\n\n".join(self.consent[topic] for topic in english().consent)
 
     @property
     def levels(self) -> dict[str, dict[str, str]]:
-        """What values of a column of the data meant to the participant, by column."""
+        """The participant's wording of a column's values, by column."""
         return {"rating": {"1": self.screens["rating_low"], "7": self.screens["rating_high"]}}
 
     def for_page(self) -> dict[str, str]:
-        """Return what the participant's page needs besides its tasks, by key."""
+        """Return the participant's page's other texts, by key."""
         shared = "rating_low", "rating_high", "answer", "tissue", "undo", "confirm", "end"
         return {"language": self.language, **self.page, **self.keys, **{key: self.screens[key] for key in shared}}
 
     @model_validator(mode="after")
     def _check(self, info: ValidationInfo) -> "Texts":
-        """Refuse texts that have other keys, or other words in braces, than the English ones."""
+        """Refuse texts whose keys, or words in braces, differ from the English ones."""
         if info.context == SHIPPED:
             return self
         given = self.model_dump(exclude={"language"})
@@ -93,18 +93,18 @@ def _filled_in(text: str) -> set[str | None]:
 
 
 def shipped() -> str:
-    """Return the file of the texts that are shipped."""
+    """Return the file of the default texts."""
     return (files("hapticnet.study") / "texts.toml").read_text(encoding="utf-8")
 
 
 @cache
 def english() -> Texts:
-    """Return the texts that are shipped."""
+    """Return the default texts."""
     return parse_document(shipped(), "texts.toml", Texts, context=SHIPPED)
 
 
 class ScreenKind(enum.StrEnum):
-    """What a screen is for."""
+    """The purpose of a screen."""
 
     INSTRUCTIONS = "instructions"
     CONSENT = "consent"
@@ -125,15 +125,15 @@ class ScreenKind(enum.StrEnum):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Screen:
-    """One screen. The condition is never on it."""
+    """One screen. It never shows the condition."""
 
     kind: ScreenKind
     title: str
     text: str
     keys: Keys = ()
     typed: str = ""  # of an answer
-    remark: str = ""  # what was wrong with the last key
-    progress: str = ""  # how far the session is; empty where that does not matter
+    remark: str = ""  # why the last key was invalid
+    progress: str = ""  # progress of the session; empty where irrelevant
     not_before_us: int | None = None  # time [µs] before which `ENTER` does nothing
 
 
@@ -143,7 +143,7 @@ def hash_of(text: str) -> str:
 
 
 def question_of(screen: Screen) -> Screen:
-    """Return what a screen asks, whatever has been answered so far."""
+    """Return a screen's question, regardless of earlier answers."""
     return replace(screen, keys=(), typed="", remark="")
 
 
@@ -162,9 +162,9 @@ class Screens:
         choices: Iterable[tuple[str, str]] = (),
         **further: Any,
     ) -> Screen:
-        """Return the screen with the title `name` and, unless another is given, the text that belongs to it.
+        """Return the screen with the title `name` and, unless another is given, its text.
 
-        Its keys are those of `choices`, each with what it does, and then those of `actions`.
+        Its keys are those of `choices`, each with its effect, and then those of `actions`.
         """
         words = self._words
         return Screen(
@@ -176,7 +176,7 @@ class Screens:
         )
 
     def trial(self, typed: str, progress: str, *, untouched: int | None = None) -> Screen:
-        """Return the screen of a trial; `untouched` is the tissue that must be touched before the answer is taken."""
+        """Return the screen of a trial; `untouched` is the tissue that must be touched before an answer counts."""
         words = self._words
         return self.make(
             ScreenKind.TRIAL,

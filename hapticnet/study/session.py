@@ -1,4 +1,4 @@
-"""A session: its plan, its schedule, its law and its table; how it is run, and how its trials are recorded."""
+"""Run a session with its plan, schedule, law and table, and record its trials."""
 
 import asyncio
 from collections.abc import Callable, Iterator
@@ -39,7 +39,7 @@ FLOWS: Final[dict[str, type[Flow[Any]]]] = {ORDER: OrderFlow, LIMITS: LimitsFlow
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SessionSettings:
-    """Whose session it is, and where its data go."""
+    """The participant of a session, and its folder."""
 
     task: str  # `ORDER` or `LIMITS`
     participant: str  # number, such as "03"
@@ -49,15 +49,15 @@ class SessionSettings:
     out: Path
     observer: str | None  # name of the simulated observer; None for a person
     device: str
-    resume: bool = False  # whether an interrupted session goes on
-    hurried: bool = False  # whether breaks last no time, for a simulated observer in real time
-    # Whether a session that goes on is played from its start again, and must come out as it is stored: in virtual time,
-    # where device and hand would otherwise be in another state than without the interruption.
+    resume: bool = False  # whether to continue an interrupted session
+    hurried: bool = False  # whether to skip breaks, for a simulated observer in real time
+    # Whether a continued session is replayed from its start, and must reproduce the stored rows: in virtual time,
+    # where device and hand would otherwise differ from those of an uninterrupted session.
     replays: bool = False
 
     @property
     def conducted_plan(self) -> Plan:
-        """The plan as it is conducted."""
+        """The plan in use."""
         if not self.hurried:
             return self.plan
         parts = {"order": self.plan.order, "limits": self.plan.limits}
@@ -72,7 +72,7 @@ class SessionSettings:
 
     @property
     def table(self) -> Path:
-        """Table of the session, named as BIDS has it."""
+        """Table of the session, named as in BIDS."""
         return self.folder / f"sub-{self.participant}_ses-{self.session}_task-{self.task}_beh.tsv"
 
     @property
@@ -81,42 +81,42 @@ class SessionSettings:
         return {name: getattr(self, name) for name in ("participant", "session", "observer", "device")}
 
     def schedule(self) -> Schedule:
-        """Return the schedule of the session: the stored one if it goes on, else a new one."""
+        """Return the schedule of the session: the stored one if it continues, else a new one."""
         kind = FLOWS[self.task].schedule_kind
         stored = stored_schedule(self.folder) if self.resume else None
         if stored is None:
             return kind.draw(self.plan, self.participant, self.session, self.seed)
         schedule = kind.from_json(stored, str(self.folder))
         if schedule.plan != self.plan.digest():
-            raise SettingsError("the session was begun with another plan; go on with that one")
+            raise SettingsError("the session was begun with another plan; continue with that one")
         return schedule
 
 
 def check_number(settings: SessionSettings) -> None:
-    """Raise SettingsError if a participant is not a number, or the folder spells it otherwise, such as 03 for 3."""
+    """Raise SettingsError if a participant is not a number, or spelled differently in the folder, such as 03 for 3."""
     number = participant_number(settings.participant)
     for folder in settings.out.glob("sub-*"):
         other = folder.name.removeprefix("sub-")
         if other != settings.participant and other.isdecimal() and int(other) == number:
             raise SettingsError(
                 f"participant {settings.participant}: {settings.out} has participant {other}, who has the same number;"
-                f" give --participant {other} to go on with that one, or another number"
+                f" give --participant {other} to continue that one, or another number"
             )
 
 
 def check_session(settings: SessionSettings) -> None:
-    """Check that a session can begin or go on, before anything is opened.
+    """Check that a session can begin or continue, before anything is opened.
 
-    Raise SettingsError if the number cannot be used, the session exists and is not to go on or the other way round, or
-    the folder has the data of people and the session is of a simulated observer or the other way round.
+    Raise SettingsError if the number cannot be used, the session exists but should not continue or vice versa, or
+    the folder has the data of people and the session is of a simulated observer or vice versa.
     """
     check_number(settings)
     table = settings.table
     if table.exists() and not settings.resume:
-        raise SettingsError(f"{table} exists; go on with it by --resume, or choose another --session")
+        raise SettingsError(f"{table} exists; continue it with --resume, or choose another --session")
     if settings.resume and not table.exists():
         raise SettingsError(
-            f"{table} does not exist, so there is nothing to go on with; check --participant, --session and --out-dir,"
+            f"{table} does not exist, so there is nothing to continue; check --participant, --session and --out-dir,"
             " or leave out --resume"
         )
     for other in sorted(settings.out.glob("sub-*/ses-*/*/*_beh.tsv")):
@@ -125,7 +125,7 @@ def check_session(settings: SessionSettings) -> None:
                 theirs = "a person" if row.observer is None else f"the simulated observer {row.observer!r}"
                 raise SettingsError(
                     f"{settings.out} has answers of {theirs} (participant {row.participant}); keep people and simulated"
-                    " observers in folders apart, with --out-dir"
+                    " observers in separate folders, with --out-dir"
                 )
 
 
@@ -139,7 +139,7 @@ def keep_plan(plan: Plan, out: Path) -> None:
     path = out / PLAN_FILE
     if path.exists():
         if find_plan(str(path)).digest() != plan.digest():
-            raise SettingsError(f"{path} is another plan than the one given; choose another folder with --out-dir")
+            raise SettingsError(f"{path} differs from the given plan; choose another folder with --out-dir")
         return
     make_folder(out)
     with replacing(path, follow=False) as file:
@@ -151,7 +151,7 @@ class ChosenLaw:
     """The law of an ordering task at 1 JND."""
 
     law: WeberLaw
-    source: str  # the participant's file, or the plan and why
+    source: str  # the participant's file, or the plan with the reason
 
     def describe(self) -> str:
         """Return a line for the experimenter."""
@@ -159,9 +159,9 @@ class ChosenLaw:
 
 
 def law_of_participant(settings: SessionSettings) -> ChosenLaw:
-    """Return the law at 1 JND: that with which the session began, or the participant's own, or the plan's.
+    """Return the law at 1 JND: the session's initial one, or the participant's own, or the plan's.
 
-    Raise SettingsError if the plan requires the participant's own JND and there is none that can be used.
+    Raise SettingsError if the plan requires the participant's own JND and no valid one exists.
     """
     table, jnd = settings.table, settings.plan.jnd
     for row in read_table(table, OrderRow, most=1) if settings.resume and table.exists() else ():
@@ -198,7 +198,7 @@ def _unusable(measured: ParticipantFile, settings: SessionSettings) -> str | Non
 
 
 def same_device(one: str | None, other: str | None) -> bool:
-    """Return whether two devices, as written for ``--device``, may be the same; a port changes with each plug."""
+    """Return whether two devices, as written for ``--device``, may be the same; a port changes with each plugging."""
     return one == other or bool(one and other and one.startswith("serial:") and other.startswith("serial:"))
 
 
@@ -218,7 +218,7 @@ def open_session(settings: SessionSettings, now_us: int) -> Iterator[tuple[Flow[
 
 
 def _questions(settings: SessionSettings) -> list[QuestionPlan]:
-    """Return what is to be asked about a person: each question once, in whichever session comes first."""
+    """Return the questions about a person: each once, in the first session."""
     folder = settings.out / f"sub-{settings.participant}"
     if settings.observer is not None or not settings.plan.question or not folder.is_dir():
         return list(settings.plan.question) if settings.observer is None else []
@@ -229,14 +229,14 @@ def _questions(settings: SessionSettings) -> list[QuestionPlan]:
 
 
 def _rows_to_go_on_with(settings: SessionSettings, store: Store[Any]) -> list[Any]:
-    """Return the rows of earlier runs; raise SettingsError if they are of another observer or another device."""
+    """Return the rows of earlier runs; raise SettingsError if they are of another observer or device."""
     for row in store.rows[:1]:
         if row.observer != settings.observer:
             began = "a person" if row.observer is None else f"the simulated observer {row.observer!r}"
-            raise SettingsError(f"{store.path} was begun by {began}; it can only go on so")
+            raise SettingsError(f"{store.path} was begun by {began} and can only continue that way")
         if not same_device(row.device, settings.device):
             raise SettingsError(
-                f"{store.path} was begun with the device {row.device}, not {settings.device}; go on with that device,"
+                f"{store.path} was begun with the device {row.device}, not {settings.device}; continue with that,"
                 " or begin another --session"
             )
     if settings.replays:
@@ -245,7 +245,7 @@ def _rows_to_go_on_with(settings: SessionSettings, store: Store[Any]) -> list[An
 
 
 def write_participant(settings: SessionSettings, flow: LimitsFlow) -> tuple[Path, ParticipantFile]:
-    """Write what was measured; raise SettingsError if no JND was found. An earlier session keeps its file."""
+    """Write the measured JND; raise SettingsError if none was found. An earlier session keeps its file."""
     procedure = flow.procedure
     measured = participant_file(
         settings.participant,
@@ -279,7 +279,7 @@ def version() -> str:
 
 
 def account_of(settings: SessionSettings, flow: Flow[Any]) -> dict[str, Any]:
-    """Return the account of a session for the command line: no condition, and no score of a person.
+    """Return the report of a session for the command line, without conditions and a person's scores.
 
     Writes the file of a participant whose JND was measured.
     """
@@ -317,9 +317,9 @@ async def conduct(
 ) -> None:
     """Conduct a session to its end.
 
-    `on_outcome` is called in a thread with each row that an activity left, once it is stored, and with what came of the
-    activity; `on_row` with each row, also with one that was stored before. Raise FileError if a row cannot be stored,
-    UnavailableError if the session cannot go on.
+    `on_outcome` is called in a thread with each row of an activity, once it is stored, and with the outcome of the
+    activity; `on_row` with each row, including those stored before. Raise FileError if a row cannot be stored,
+    UnavailableError if the session cannot continue.
     """
     own_version = version()
 
@@ -346,22 +346,22 @@ async def conduct(
             if not activity.done():
                 rig.stop()
                 await activity
-        save()  # what was noted meanwhile did not come of the activity
+        save()  # rows noted meanwhile do not belong to the activity
         flow.complete(outcome, rig.now_us())
         for row in save():
-            if on_outcome is not None and row.event != "started":  # it is of the next activity
-                await _beside(partial(on_outcome, row, outcome))  # the device goes on meanwhile
+            if on_outcome is not None and row.event != "started":  # it belongs to the next activity
+                await _beside(partial(on_outcome, row, outcome))  # the device continues meanwhile
     await front.show(flow)
     if flow.declined:
         raise UnavailableError("the participant did not agree to take part; nothing was asked or measured")
     if flow.failure is not None:
-        raise UnavailableError(f"{flow.failure}; everything answered is stored, go on with --resume")
+        raise UnavailableError(f"{flow.failure}; every answer is stored, continue with --resume")
 
 
 async def _beside(work: Callable[[], None]) -> None:
-    """Do work in a thread at normal priority, and wait for it without holding up the loop."""
+    """Do work in a thread at normal priority, and wait for it without blocking the loop."""
     done = Future[None]()
-    done.set_running_or_notify_cancel()  # a session that is cancelled does not cancel the recording
+    done.set_running_or_notify_cancel()  # a cancelled session does not cancel the recording
 
     def body() -> None:
         try:
@@ -382,7 +382,7 @@ def usual_form(*, real_time: bool) -> RecordingForm:
 def record_trials(
     settings: SessionSettings, form: RecordingForm, about: dict[str, Any]
 ) -> Callable[[AnyRow, Outcome], None] | None:
-    """Return what records each trial that was played, answered or not; None if nothing is recorded.
+    """Return the recorder of each played trial, answered or not; None if nothing is recorded.
 
     `about` is the configuration of the session, for every file. Raise UnavailableError if an extra is not installed.
     """
@@ -406,6 +406,6 @@ def record_trials(
         try:
             export(Session("master", facts, outcome.unix_offset_us, tables, events), path)
         except (FileError, UnavailableError) as error:
-            raise FileError(f"{error}; the answer to it is safe") from error
+            raise FileError(f"{error}; its answer is safe") from error
 
     return keep

@@ -17,12 +17,12 @@ Z: Final = NormalDist().inv_cdf(0.5 + CONFIDENCE / 2.0)
 ALPHA: Final = 0.05  # probability below which a test counts as passed
 FINEST: Final = 1 / 5040  # finest grid on which differences are exact: shares of up to 10 trials and most other numbers
 MOST_CELLS: Final = 500_000  # largest table of sums for exact differences
-COARSE_CELLS: Final = 20_000  # of sums for differences that fit no grid; they are rounded, on the safe side
+COARSE_CELLS: Final = 20_000  # the same for differences that fit no grid and are rounded to the safe side
 LIMIT_SHARE: Final = 1e-12
 
 
 def wilson(share: float, trials: float, z: float = Z) -> tuple[float, float]:
-    """Return Wilson's interval of a share of trials; `z` is the two-sided quantile that belongs to its confidence.
+    """Return Wilson's interval of a share of trials; `z` is the two-sided quantile for its confidence.
 
     Wilson, "Probable inference, the law of succession, and statistical inference", JASA 22 (1927).
     """
@@ -35,10 +35,10 @@ def wilson(share: float, trials: float, z: float = Z) -> tuple[float, float]:
 def share_interval(successes: int, trials: int, shares: Sequence[float] | FloatArray) -> tuple[float, float]:
     """Return the interval of the share that participants like these would reach; without trials, 0 to 1.
 
-    It is Wilson's with the trials that independent answers would need for the standard error over participants, no more
+    It is Wilson's with the number of independent trials that would give the standard error over participants, no more
     than there were, and with Student's t: E. L. Korn & B. I. Graubard, "Confidence intervals for proportions with small
     expected number of positive counts estimated from survey data", Survey Methodology 24 (1998). Wilson's interval over
-    all trials is too narrow: those of one participant are alike. `shares` are the participants', shape (n,).
+    all trials is too narrow, because those of one participant are similar. `shares` are the participants', shape (n,).
     """
     if trials == 0 or len(shares) < 2:
         return 0.0, 1.0
@@ -57,7 +57,7 @@ def standard_error(values: Sequence[float] | FloatArray) -> float | None:
 def sign_flip(differences: Sequence[float] | FloatArray, *, shift: float = 0.0) -> tuple[float, float]:
     """Return the exact probabilities that the mean difference would be as low, and as high, as it is.
 
-    By the null hypothesis, the participants' differences, shape (n,), less `shift` are symmetric about 0. All 2ⁿ
+    Under the null hypothesis, the participants' differences, shape (n,), less `shift` are symmetric about 0. All 2ⁿ
     assignments of signs are counted, by adding one participant after the other to the distribution of the sum, on a
     grid so fine that scores are exact. Without a difference, both are 1. `two_sided` combines them.
     """
@@ -81,7 +81,7 @@ def sign_flip(differences: Sequence[float] | FloatArray, *, shift: float = 0.0) 
         chances[-step:] = 0.0
         chances[step:] += part[:-step]
     seen = size + int(np.where(values < 0.0, -steps, steps).sum())
-    # A sum that equals the observed one but for rounding to the grid counts on both sides.
+    # A sum that equals the observed one except for rounding to the grid counts on both sides.
     slack = 0 if exact else len(values)
     low_tail = float(chances[: min(seen + slack, 2 * size) + 1].sum())
     high_tail = float(chances[max(seen - slack, 0) :].sum())
@@ -96,10 +96,10 @@ def two_sided(tails: tuple[float, float]) -> float:
 def mean_interval(
     differences: Sequence[float] | FloatArray, confidence: float = CONFIDENCE, *, least_variance: float = 0.0
 ) -> tuple[float, float]:
-    """Return Student's interval of the mean difference over participants; infinite where nothing tells the spread.
+    """Return Student's interval of the mean difference over participants; infinite if the spread is unknown.
 
     `least_variance` is that of one participant's difference by chance alone, see `chance_variance`: scores of few
-    trials have ties, and their spread may come out as much too small, or as none.
+    trials have ties, and their estimated spread may be much too small or zero.
     """
     values = np.asarray(differences, dtype=np.float64)
     if len(values) < 2:
@@ -131,7 +131,7 @@ def equivalence(
     and Biopharmaceutics 15 (1987), here with sign-flip tests.
 
     Return the probability of the tests, the 90 % interval (`mean_interval`, which explains `least_variance`), and
-    whether equivalence is shown: the tests pass, and the interval, which knows of ties by chance, is within the margin.
+    whether equivalence is shown: the tests pass, and the interval, which allows for chance ties, is within the margin.
     """
     probability = max(sign_flip(differences, shift=-margin)[1], sign_flip(differences, shift=margin)[0])
     low, high = mean_interval(differences, 0.90, least_variance=least_variance)

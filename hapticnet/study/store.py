@@ -1,7 +1,7 @@
 """The tables of a study on disk: one row for each event, written and synced before the next event begins.
 
-A row is one `os.write` of a whole line to a file that is opened for appending, then an fsync. A crash can leave only
-a torn last line, which is dropped when the session goes on. Nothing is ever overwritten, and a lock keeps a second
+A row is one `os.write` of a whole line to a file opened for appending, then an fsync. A crash can leave only
+a torn last line, which is dropped when the session continues. Nothing is ever overwritten, and a lock keeps a second
 session away; the system releases it when the process ends, however it ends.
 """
 
@@ -36,13 +36,13 @@ class Store(Generic[AnyRow]):
         self._read()
 
     def replay(self) -> None:
-        """Expect the rows of earlier runs again, before new ones are written."""
+        """Expect the rows of earlier runs again, before new ones."""
         self._expected, self.rows = self.rows[::-1], []
 
     def append(self, row: AnyRow) -> bool:
-        """Write a row and wait until it is on the disk; return whether it is new, and not one that was expected again.
+        """Write a row and wait until it is on the disk; return whether it is new, not an expected repetition.
 
-        Raise FileError if it cannot be written, for instance because the disk is full: the table is as before then; and
+        Raise FileError if it cannot be written, for instance because the disk is full: the table is then unchanged; and
         SettingsError if another row was expected again.
         """
         earlier = self._expected.pop() if self._expected else None
@@ -50,8 +50,8 @@ class Store(Generic[AnyRow]):
             self._write(to_line(row))
         elif to_line(replace(row, date=earlier.date, version=earlier.version)) != to_line(earlier):
             raise SettingsError(
-                f"{self.path}: line {len(self.rows) + 2} would come out differently now: the session was begun with"
-                " another version, seed or profile; go on with those, or choose another --session"
+                f"{self.path}: line {len(self.rows) + 2} would differ now: the session was begun with"
+                " another version, seed or profile; continue with those, or choose another --session"
             )
         self.rows.append(row if earlier is None else earlier)
         return earlier is None
@@ -69,7 +69,7 @@ class Store(Generic[AnyRow]):
                 os.ftruncate(self._descriptor, before)
             raise FileError(
                 f"{self.path}: the last event could not be stored: {error.strerror}; everything before it is safe,"
-                " go on with --resume"
+                " continue with --resume"
             ) from error
 
     def _read(self) -> None:
@@ -94,7 +94,7 @@ class Store(Generic[AnyRow]):
 
 
 def read_table(path: Path, kind: type[AnyRow], *, most: int | None = None) -> list[AnyRow]:
-    """Return the rows of a table without changing it, `most` of them; a torn last line is left out."""
+    """Return the rows of a table without changing it, at most `most` of them; a torn last line is omitted."""
     data = read_bytes(path, LARGEST_TABLE)
     lines = data[: data.rfind(b"\n") + 1].decode("utf-8", "replace").splitlines()
     return _rows_of(lines[: None if most is None else 1 + most], kind, path)
@@ -122,14 +122,14 @@ def opened(
 ) -> Iterator[Store[AnyRow]]:
     """Open or make the table of a session, with its schedule and its sidecar (`levels`), and keep other sessions away.
 
-    A session that goes on keeps its own schedule. Raise SettingsError if the session exists and is not to `resume`, or
+    A continued session keeps its own schedule. Raise SettingsError if the session exists and should not `resume`, or
     another process runs it.
     """
     folder = path.parent
     make_folder(folder)
     with locked(folder / LOCK, SettingsError(f"{folder}: another process runs this session; end it first")):
         if path.exists() and not resume:
-            raise SettingsError(f"{path} exists; go on with it by --resume, or choose another --session")
+            raise SettingsError(f"{path} exists; continue it with --resume, or choose another --session")
         if not path.exists() or not (folder / SCHEDULE).exists():  # a schedule without a table was never used
             _create(folder / SCHEDULE, schedule)
         described = path.with_suffix(".json")
@@ -144,7 +144,7 @@ def opened(
 
 
 def stored_schedule(folder: Path) -> str | None:
-    """Return the schedule that a session was begun with; None if there is none."""
+    """Return the schedule with which a session began; None if there is none."""
     path = folder / SCHEDULE
     return read_text(path, LARGEST_DOCUMENT, follow=False) if os.path.lexists(path) else None
 
@@ -183,7 +183,7 @@ def table_files(folder: Path, kind: type[AnyRow]) -> list[Path]:
         strange = [name for name in names if name not in columns(kind)]
         if strange or len(set(names)) < len(names):
             which = f'the column "{strange[0][:40]}"' if strange else "a column twice"
-            raise FileError(f"{file}: has {which}, which no session writes: it was changed, or by another version")
+            raise FileError(f"{file}: has {which}, which no session writes: changed, or written by another version")
         found.append(file)
     return found
 
@@ -209,5 +209,5 @@ def read_rows(folder: Path, kind: type[AnyRow]) -> list[AnyRow]:
 
 
 def read_people(folder: Path) -> list[ParticipantFile]:
-    """Return what was measured of each participant, from ``participants/*.toml`` in a folder and below."""
+    """Return the measured JND of each participant, from ``participants/*.toml`` in a folder and below."""
     return [load_participant(file) for file in sorted(folder.rglob("participants/*.toml"))]

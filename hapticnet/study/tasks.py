@@ -18,9 +18,9 @@ from hapticnet.study.trial import NO_MEASURES, Measures, Played, Stimulus, stimu
 
 ORDER: Final = "order"
 LIMITS: Final = "limits"
-PRACTICE: Final = "practice"  # what practice trials have in the column of the condition
-# Share of its breach depth to which the needle must have pushed a tissue in before an answer is taken. The same depth
-# for each, so that a refused answer tells nothing about the stiffness.
+PRACTICE: Final = "practice"  # value of practice trials in the column of the condition
+# Share of its breach depth to which the needle must push a tissue in before an answer is accepted. The same depth
+# for each, so that a refused answer reveals nothing about the stiffness.
 TOUCHED: Final = 0.5
 UNCOMPRESSED: Final = ConditionPlan(name=PRACTICE, codec="raw", multiplier=0.0)
 PARTS: Final = 3  # parts of a measurement of the JND, with a break between two of them
@@ -88,7 +88,7 @@ class OrderFlow(Flow[OrderRow]):
         return words["trials"].format(done=answered, all=len(self._schedule.trials))
 
     def _pending(self, block: int) -> OrderTrial | None:
-        """Return the next trial of a block: those that did not count come again at its end."""
+        """Return the next trial of a block: those that did not count are repeated at its end."""
         own = [row for row in self.rows if row.block == block]
         answered = {row.this_n for row in own if row.event == "trial"}
         pending = [trial for trial in self._schedule.trials if trial.block == block and trial.index not in answered]
@@ -121,7 +121,7 @@ class OrderFlow(Flow[OrderRow]):
             self._law,
             number=trial.index,
             breach_forces_n=trial.breach_forces_n,
-            seed=trial.seed + self._attempts_of(trial),  # another motion of a simulated hand when it comes again
+            seed=trial.seed + self._attempts_of(trial),  # another motion of a simulated hand when it is repeated
         )
         self._perform(self._screens.trial("", self._progress()), self._stimulus, now_us)
 
@@ -154,7 +154,7 @@ class OrderFlow(Flow[OrderRow]):
         self.screen = self._screens.trial(self._typed, self._progress(), untouched=untouched)
 
     def _untouched(self) -> int | None:
-        """Return the first tissue that the needle was not pushed into, as far as that is known."""
+        """Return the first tissue known not to be pushed into by the needle."""
         if self.deepest_m is None or not isinstance(self.activity, Stimulus):
             return None
         for number, tissue in enumerate(self.activity.tissues, start=1):
@@ -238,7 +238,7 @@ class LimitsFlow(Flow[LimitsRow]):
         schedule = self._schedule
         answers = [row.answer for row in self.rows if row.event == "trial" and row.answer is not None]
         self.procedure = Procedure(self._limits, schedule.series, schedule.intervals, answers)
-        self.presented: Presented | None = None  # the pair that is asked about
+        self.presented: Presented | None = None  # the present pair
         self._question: Question | None = None
         self._presented_us = 0
 
@@ -309,7 +309,7 @@ class LimitsFlow(Flow[LimitsRow]):
         question = self._question
         if question is None:
             return {}
-        number = sum(row.event == "trial" for row in self.rows)  # that of the answers before it
+        number = sum(row.event == "trial" for row in self.rows)  # the number of the previous answers
         sensed_n = outcome.sensed_n if isinstance(outcome, Presented) else (None, None)
         return {
             "this_n": number,
@@ -329,7 +329,7 @@ class LimitsFlow(Flow[LimitsRow]):
 
 
 def device_errors_n(rows: Sequence[LimitsRow]) -> dict[float, list[float]]:
-    """Return sensed less held force [N] of every stimulus that was answered, by reference."""
+    """Return sensed minus held force [N] of every answered stimulus, by reference."""
     found: dict[float, list[float]] = {}
     for row in rows:
         if row.event != "trial" or row.reference_n is None:

@@ -1,4 +1,4 @@
-"""One trial of the ordering task: what is played, by which hand where an observer is simulated, and what came of it."""
+"""One trial of the ordering task: its stimulus, the hand of a simulated observer, and its result."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -31,20 +31,20 @@ LATE_US: Final = 200_000  # time [µs] after a contact during which the device m
 LEAST_HELD_N: Final = 0.3  # held peak [N] below which a contact is a graze: below about 0.2 N the sensor feels nothing
 STEP_US: Final = 1000
 INSERTIONS: Final = 2
-MARGIN_M: Final = 2e-3  # a push begins so far before the surface and ends so far behind the breach
+MARGIN_M: Final = 2e-3  # a push begins this far before the surface and ends this far behind the breach
 # Duration of a push [s], of which about 0.6 s are contact. At 0.24 s, the device reaches two thirds of 5 N only.
 PUSH_S: Final = 1.1
 BETWEEN_S: Final = 0.25
 WITHDRAW_S: Final = 0.5
 REST_S: Final = 0.3
-VARIATION: Final = 0.1  # by which share these durations [s] vary; all are assumptions
+VARIATION: Final = 0.1  # share by which these durations [s] vary; all are assumptions
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Stimulus:
-    """What a trial plays."""
+    """The stimulus of a trial."""
 
-    number: int  # of the trial, for the name of the session
+    number: int  # number of the trial, for the name of the session
     breach_forces_n: tuple[float, ...]  # front to back
     gap_m: float  # between surfaces
     codec: str  # as written for ``--codec``
@@ -71,7 +71,7 @@ class Stimulus:
         return master_name(self.number, self.breach_forces_n, self.gap_m)
 
     def master_settings(self, settings: MasterSettings) -> MasterSettings:
-        """Return the settings of the master that plays it, from those of the rig."""
+        """Return the settings of the master that plays it, based on the rig's."""
         codec, parameters = parse_codec(self.codec)
         return replace(
             settings,
@@ -88,9 +88,9 @@ class Stimulus:
 def stimulus_of(
     plan: Plan, condition: ConditionPlan, law: WeberLaw, *, number: int, breach_forces_n: tuple[float, ...], seed: int
 ) -> Stimulus:
-    """Return what a trial of a plan plays, from the participant's law at 1 JND.
+    """Return the stimulus of a plan's trial, from the participant's law at 1 JND.
 
-    A condition without a threshold is described by that of 1 JND.
+    A condition without a threshold is described by the threshold of 1 JND.
     """
     return Stimulus(
         number=number,
@@ -109,7 +109,7 @@ def stimulus_of(
 def scripted_hand(stimulus: Stimulus) -> Operator:
     """Return the hand of a simulated observer, drawn from the seed of the trial.
 
-    It pauses between tissues, never within one, so that a pause is no cue to the place.
+    It pauses between tissues, never within one, so that a pause does not reveal the place.
     """
     rng = np.random.default_rng([stimulus.seed, 3])
     places_m, durations_s = [0.0], []
@@ -162,8 +162,8 @@ class Measures:
     peaks_sensed_n: tuple[float | None, ...] = (None, None, None)
     peak_speed_m_per_s: float | None = None  # into the tissue while in contact
     perceptual_error: float | None = None  # see `_perceptual_error`
-    force_packets: int = 0  # FORCE datagrams received in all of the trial
-    wire_bytes: int = 0  # of these
+    force_packets: int = 0  # FORCE datagrams received in the whole trial
+    wire_bytes: int = 0  # bytes of these
     penetration_packets: int = 0
     penetration_bytes: int = 0
     missed_ticks: int = 0
@@ -199,8 +199,8 @@ class Played:
     measures: Measures
     ticks: dict[str, FloatArray]  # `node.recording.master_columns`, shape (n,)
     datagrams: dict[str, FloatArray]  # `DATAGRAM_COLUMNS`, shape (n,)
-    settings: MasterSettings  # that the master asked for
-    in_force: tuple[tuple[int, SettingsInForce], ...]  # what was in force, and from when on [µs]
+    settings: MasterSettings  # requested by the master
+    in_force: tuple[tuple[int, SettingsInForce], ...]  # settings in force, and their start [µs]
     unix_offset_us: int = 0  # add it to all times for µs since 1970; 0 in virtual time
     failure: str | None = None  # why it was aborted; None if it ended by itself or with an answer
 
@@ -208,7 +208,7 @@ class Played:
 def played(
     node: MasterNode, stimulus: Stimulus, failure: str | None, missed_ticks: int, unix_offset_us: int
 ) -> Played | None:
-    """Return what a master made of a trial; None if it sent no position."""
+    """Return a master's record of a trial; None if it sent no position."""
     assert node.recording is not None  # noqa: S101 - `Stimulus.master_settings` asks for both
     assert node.datagrams is not None  # noqa: S101
     if not len(node.recording):
@@ -262,7 +262,7 @@ class _Replay:
 
 
 def _replay(ticks: dict[str, FloatArray], felt: Sequence[Tissue]) -> _Replay:
-    """Return what the tissues, as they were at the start of the trial, did at each tick."""
+    """Return the response of the tissues, in their state at the start of the trial, at each tick."""
     scene = Scene(felt)
     known = np.isfinite(ticks["position_m"])
     places = zip(ticks["t_us"][known].tolist(), ticks["position_m"][known].tolist(), strict=True)
@@ -292,7 +292,7 @@ def _perceptual_error(ticks: dict[str, FloatArray], replayed: _Replay) -> float 
 
     Codec, delay and losses all add to it. Equal ratios count the same, as in the perceptual mean squared error of
     Chaudhari, Steinbach & Hirche, "Towards an objective quality evaluation framework for haptic data reduction", World
-    Haptics Conference 2011. Moments with less than `LEAST_HELD_N` from the tissues are left out, since a breach, late
+    Haptics Conference 2011. Moments with less than `LEAST_HELD_N` from the tissues are omitted, because a breach, late
     by 2 ms, would outweigh all the rest; a smaller held force counts as that much.
     """
     true_n, held_n = replayed.force_n, ticks["held_n"][replayed.known]

@@ -25,8 +25,8 @@ Jnds: TypeAlias = Mapping[float, Sequence[float | None]]
 class WeberFit:
     """Weber's law, fitted to a person's JNDs.
 
-    The interval is Student's, of the mean of endlessly many such series, with one relative variance of all series about
-    the mean of their reference. It is None where the series tell no spread.
+    The interval is Student's for the mean of infinitely many such series, with one relative variance of series about
+    the mean of their reference. It is None if the series have no spread.
     """
 
     mean_of_ratios: float  # mean of JND over reference
@@ -42,7 +42,7 @@ def fit(found: Jnds) -> WeberFit:
     known = {reference_n: series for reference_n, series in known.items() if series}
     if not known:
         raise SettingsError(
-            "no difference was called different: the JND is above the largest difference of the plan; raise"
+            "no pair was called different: the JND is above the largest difference of the plan; raise"
             " limits.largest or exclude the participant"
         )
     references_n = np.array(sorted(known))
@@ -61,7 +61,7 @@ def fit(found: Jnds) -> WeberFit:
 
 
 def _half_width(known: Mapping[float, Sequence[float]]) -> float | None:
-    """Return half of the interval of the mean of ratios; None where the series tell no spread."""
+    """Return half of the interval of the mean of ratios; None if the series have no spread."""
     ratios = [np.array(series) / reference_n for reference_n, series in known.items()]
     freedom = sum(len(each) - 1 for each in ratios)
     squares = sum(float(np.sum((each - each.mean()) ** 2)) for each in ratios)
@@ -72,7 +72,7 @@ def _half_width(known: Mapping[float, Sequence[float]]) -> float | None:
 
 
 class ReferenceTable(BaseModel):
-    """A ``[[reference]]`` of a participant's file: the JND at one reference. Censored series are not in the mean."""
+    """A ``[[reference]]`` of a participant's file: the JND at one reference. The mean excludes censored series."""
 
     model_config = STRICT
 
@@ -85,7 +85,7 @@ class ReferenceTable(BaseModel):
 
 
 class ParticipantFile(BaseModel):
-    """What was measured of a participant, as ``participants/03.toml``."""
+    """A participant's measured JND, as in ``participants/03.toml``."""
 
     model_config = STRICT
 
@@ -93,15 +93,15 @@ class ParticipantFile(BaseModel):
     method: str
     weber_fraction: Annotated[float, Field(ge=0.0, le=1.0)]  # the mean of ratios
     floor_n: Annotated[float, Field(ge=0.0)]  # the JND at the weakest reference
-    through_origin: float | None = None  # this one and the next three: as in `WeberFit`
+    through_origin: float | None = None  # this and the next three are as in `WeberFit`
     low: float | None = None
     high: float | None = None
     residual: float | None = None
     false_alarms: int | None = None  # pairs of catch series that were called different
     catch_pairs: int | None = None  # all of them
-    excluded: list[str] = []  # rules of the plan by which the JND must not be used
-    warnings: list[str] = []  # what is doubtful about it
-    device_error_n: float | None = None  # root mean square of delivered less held force; a smaller JND is the device's
+    excluded: list[str] = []  # rules of the plan that exclude the JND
+    warnings: list[str] = []  # doubts about it
+    device_error_n: float | None = None  # root mean square of delivered minus held force; a smaller JND is the device's
     simulated: str | None = None  # the simulated observer; None for a person
     device: str | None = None  # as written for ``--device``
     date: str | None = None
@@ -135,7 +135,7 @@ def participant_file(
 ) -> ParticipantFile:
     """Return the file of a participant whose series gave these JNDs; raise SettingsError if there is none.
 
-    `device_errors_n` are sensed less held forces [N] of every stimulus, by reference; `false_alarms` and `catch_pairs`
+    `device_errors_n` are sensed minus held forces [N] of every stimulus, by reference; `false_alarms` and `catch_pairs`
     are None for a method without catch series; `further` are further attributes of the file.
     """
     fitted = fit(found)
@@ -197,12 +197,12 @@ def _warnings(plan: LimitsPlan, tables: Sequence[ReferenceTable], catch_pairs: i
         if each.jnd_n is not None and each.device_error_n is not None and each.jnd_n < each.device_error_n
     ]
     if plan.method == "ascending" and not catch_pairs:
-        told.append("there was no catch series, so that random answers would not have been noticed")
+        told.append("there was no catch series, so random answers would go unnoticed")
     return told
 
 
 def load_participant(path: Path) -> ParticipantFile:
-    """Return what is known of a participant; raise FileError or SettingsError if the file cannot be used."""
+    """Return the measurement of a participant; raise FileError or SettingsError if the file cannot be used."""
     return parse_document(read_document(path), str(path), ParticipantFile)
 
 

@@ -1,4 +1,4 @@
-"""The engine of a sweep: cut what is missing into shards, give them to a pool of workers, and store each result."""
+"""The engine of a sweep: cut the missing runs into shards, give them to a pool of workers, and store each result."""
 
 import time
 from collections import deque
@@ -12,14 +12,14 @@ from hapticnet.sweep.pools import AnyPool
 from hapticnet.sweep.runs import Cutter, Plan, Shard, rows_of
 from hapticnet.sweep.store import Computed, Store, shard_bytes
 
-SHARD_S: Final = 3.0  # duration of a shard [s]: long beside the cost of storing it, and short to wait for
+SHARD_S: Final = 3.0  # duration of a shard [s]: long compared with the cost of storing it, but short to wait for
 SHORTEST_S: Final = 0.3  # duration of the last shards [s], so that all workers end at about the same time
-FIRST_RUNS: Final = 2  # runs in a shard before it is known how long a run takes
-GROWTH: Final = 8  # most times by which shards grow from one to the next: the first ones include the start of a worker
+FIRST_RUNS: Final = 2  # runs in a shard before the duration of a run is known
+GROWTH: Final = 8  # largest growth factor between shards: the first ones include the start of a worker
 WINDOW: Final = 8
 POLL_S: Final = 0.25
-ATTEMPTS: Final = 3  # how often a shard is tried whose worker ends
-HOPELESS: Final = 5  # if so many shards cannot be computed, and none could, the sweep ends
+ATTEMPTS: Final = 3  # tries of a shard whose worker ends
+HOPELESS: Final = 5  # if this many shards fail, and none succeeded, the sweep ends
 PLACES: Final = 5
 RUNS_EACH: Final = 4  # runs in a row, at each of `PLACES`, that an estimate times: neighbours share work
 LONGEST_S: Final = 20.0  # time [s] after which an estimate tries no further place
@@ -27,17 +27,17 @@ LONGEST_S: Final = 20.0  # time [s] after which an estimate tries no further pla
 
 @dataclass(slots=True)
 class Progress:
-    """How far a sweep is."""
+    """The progress of a sweep."""
 
     runs: int  # runs of the study
-    done: int = 0  # runs that are stored
+    done: int = 0  # stored runs
     computed: int = 0  # runs that this sweep computed and stored
     shards: int = 0  # shards that this sweep stored
     failed: int = 0  # computed runs that have an error instead of measures
     first_error: str | None = None
-    lost_workers: int = 0  # how often a worker ended while it computed
-    poison: list[Shard] = field(default_factory=list)  # shards that were given up
-    first_reason: str | None = None  # why the first of them was
+    lost_workers: int = 0  # workers that ended while computing
+    poison: list[Shard] = field(default_factory=list)  # abandoned shards
+    first_reason: str | None = None  # the reason for the first of them
     worker_seconds: float = 0.0
     worker_cpu_seconds: float = 0.0  # sums of the shards' durations and processor times [s]
     seconds: float = 0.0  # duration of this sweep so far [s]
@@ -76,11 +76,11 @@ class Sizes:
         self._largest = FIRST_RUNS
 
     def note(self, runs: int, seconds: float) -> None:
-        """Take in how long a shard took [s]."""
+        """Note the duration of a shard [s]."""
         self._recent.append((runs, seconds))
 
     def next(self, left: int, workers: int) -> int:
-        """Return the size of the next shard while so many runs are left for so many workers."""
+        """Return the size of the next shard for the remaining runs and the workers."""
         if self._fixed is not None:
             return self._fixed
         seconds = sum(each for _, each in self._recent)
@@ -108,7 +108,7 @@ def sweep(
     on_progress: Callable[[Progress], None] = lambda _progress: None,
     clock: Callable[[], float] = time.monotonic,
 ) -> Progress:
-    """Compute and store the runs of a study that are not `there`; once `is_stopped`, only finish shards in hand.
+    """Compute and store the runs of a study that are not `there`; once `is_stopped`, only finish the current shards.
 
     Raise FileError if a shard cannot be stored; UnavailableError if no worker is left, or none can compute anything.
     """
@@ -154,14 +154,14 @@ def sweep(
             progress.seconds, progress.workers = clock() - began_s, pool.workers
             on_progress(progress)
     except (FileError, UnavailableError) as error:
-        kept = f"{progress.done:,} of {plan.runs:,} runs are kept; run the same command again to go on"
+        kept = f"{progress.done:,} of {plan.runs:,} runs are kept; run the same command again to continue"
         raise type(error)(f"{error}; {kept}") from error
     finally:
         progress.seconds = clock() - began_s
 
 
 def estimate(plan: Plan, workers: int, *, shard_runs: int | None = None) -> dict[str, Any]:
-    """Run a few runs of a study and return what all of it takes: times [s], and number and size [B] of its files."""
+    """Time a few runs of a study and return an estimate for all: times [s], and number and size [B] of files."""
     each = min(-(-RUNS_EACH // plan.sharing) * plan.sharing, plan.runs)
     last = plan.runs - each
     places = sorted({place * last // (PLACES - 1) // plan.sharing * plan.sharing for place in range(PLACES)})

@@ -23,7 +23,7 @@ _own = threading.local()
 
 
 def compute_here(plan: Plan, shard: tuple[int, int]) -> Computed:
-    """Return a shard. A worker may have several threads, and a runner is made for one of them."""
+    """Return a shard. A worker may have several threads, but each runner belongs to one thread."""
     if getattr(_own, "digest", None) != plan.digest:
         _own.digest, _own.runner = plan.digest, plan.runner()
     runner: Runner = _own.runner
@@ -32,7 +32,7 @@ def compute_here(plan: Plan, shard: tuple[int, int]) -> Computed:
 
 def local_pool(plan: Plan, workers: int) -> Pool:
     """Return processes on this machine; SettingsError if their number is out of range."""
-    return Pool(workers, compute_here, plan, method="spawn")  # there may be threads, of the progress bar or of Arrow
+    return Pool(workers, compute_here, plan, method="spawn")  # because the progress bar and Arrow may run threads
 
 
 class ClusterPool:
@@ -43,7 +43,7 @@ class ClusterPool:
             from distributed import Client, KilledWorker
         except ImportError as error:
             raise UnavailableError(NEEDS) from error
-        for name in ("distributed", "tornado"):  # their lines tell of what is handled here
+        for name in ("distributed", "tornado"):  # their messages repeat events that are handled here
             logging.getLogger(name).setLevel(logging.CRITICAL + 1)
         self._address, self._killed = address, KilledWorker
         self._futures: dict[Shard, Any] = {}
@@ -55,20 +55,20 @@ class ClusterPool:
             self._client = make_client(address, timeout=CONNECT_S, set_as_default=False)
         except Exception as error:
             raise UnavailableError(f"no Dask scheduler answers at {address}") from error
-        # The plan is the result of a task, so a worker that does not have it gets it, also after another was killed.
+        # The plan is the result of a task, so a worker without it fetches it, even after another was killed.
         key = f"hapticnet-{plan.digest[:12]}-{uuid.uuid4().hex}"
-        with warnings.catch_warnings(action="ignore"):  # of a large plan
+        with warnings.catch_warnings(action="ignore"):  # Dask's warning about a large plan
             self._plan = self._client.submit(pickle.loads, pickle.dumps(plan), key=key, pure=False)
         self._count()
 
     @property
     def in_hand(self) -> int:
-        """Number of shards it was given and has not returned."""
+        """Number of submitted shards that it has not returned."""
         return len(self._futures)
 
     @property
     def room(self) -> int:
-        """How many more shards it should be given now. Without workers they wait at the scheduler."""
+        """Number of further shards to submit now. Without workers they wait at the scheduler."""
         return IN_HAND * max(self.workers, 1) - self.in_hand
 
     def submit(self, item: Shard) -> None:
@@ -81,7 +81,7 @@ class ClusterPool:
         future.add_done_callback(lambda done: self._done.put((shard, done)))
 
     def outcomes(self, timeout_s: float) -> list[Outcome]:
-        """Wait until something is finished, at most so long, and return it."""
+        """Wait until something is finished, at most this long, and return it."""
         found: list[Outcome] = []
         with suppress(queue.Empty):
             found += self._outcome(*self._done.get(timeout=timeout_s))
@@ -93,12 +93,12 @@ class ClusterPool:
         return found
 
     def drop_waiting(self) -> None:
-        """Take back the shards that nobody computes yet: probably the newest."""
+        """Take back the shards that no worker computes yet, probably the newest."""
         for shard in list(self._futures)[self.workers :]:
             self._futures.pop(shard).cancel()
 
     def close(self) -> None:
-        """Take back all shards, and leave."""
+        """Take back all shards, and disconnect."""
         for future in (*self._futures.values(), self._plan):
             with suppress(Exception):
                 future.cancel()
@@ -135,7 +135,7 @@ AnyPool: TypeAlias = Pool | ClusterPool
 
 
 def compute_there(plan: Plan, shard: tuple[int, int], hapticnet: str) -> Computed:
-    """Return a shard in a worker of a cluster; raise SettingsError unless its hapticnet is that of the sweep."""
+    """Return a shard in a worker of a cluster; raise SettingsError unless its hapticnet matches the sweep's."""
     if versions()["hapticnet"] != hapticnet:
         raise SettingsError(
             f"a worker has hapticnet {versions()['hapticnet']} and this machine {hapticnet}; install the same on all"

@@ -49,17 +49,17 @@ class Results:
     """The results in a folder."""
 
     store: Store
-    about: dict[str, Any]  # what the folder says of itself; see `Store.about`
+    about: dict[str, Any]  # the folder's description; see `Store.about`
     varied: tuple[str, ...]  # settings with more than one value
 
     @property
     def settings(self) -> tuple[str, ...]:
-        """Columns that tell runs apart."""
+        """Columns that distinguish runs."""
         return tuple(name for name in self.about["columns"] if name not in (*self.about["measures"], "error"))
 
     @property
     def numbers(self) -> tuple[str, ...]:
-        """Columns of which there is a mean."""
+        """Columns that have a mean."""
         return tuple(name for name, kind in self.about["columns"].items() if kind != "text")
 
 
@@ -93,7 +93,7 @@ def open_results(store: Store) -> Results:
 
 
 def chosen(results: Results, shown: Shown) -> tuple[tuple[str, ...], tuple[str, ...]]:
-    """Return the groups and measures that are asked for, by the study, or that are usual; SettingsError if unknown."""
+    """Return the groups and measures from the options, the study, or the defaults; SettingsError if unknown."""
     groups = tuple(shown.by or _usual(results))
     measures = tuple(shown.of or DEFAULT_MEASURES.get(results.about["task"], results.about["measures"][:3]))
     _check_known("--by", "setting", groups, results.settings)
@@ -118,7 +118,7 @@ def summary(
 ) -> Summary:
     """Return mean and quantiles of measures for each group, with `deviations` also the standard deviation.
 
-    Runs with errors are left out; `where` is a condition in SQL. Raise SettingsError for either, FileError for a shard.
+    Runs with errors are omitted; `where` is a condition in SQL. Raise SettingsError for either, FileError for a shard.
     """
     for each in quantiles:
         check_parameter("quantile", each, 0.0, 1.0)
@@ -134,7 +134,7 @@ def summary(
 
 
 def _usual(results: Results) -> tuple[str, ...]:
-    """Return what varies, without what says the same in other words."""
+    """Return the varying settings, without redundant ones."""
     varied = list(results.varied)
     channels = ("forward", "feedback")
     for short, longs in (("codec", ("label",)), ("delay_ms", channels), ("loss", channels)):
@@ -213,7 +213,7 @@ def draw(results: Results, shown: Shown, by: Sequence[str], file: Path) -> None:
         for axes in grid[-1]:
             axes.set_xlabel(LABELS.get(x, x))
         told = LABELS.get(y, y) + (LOG_MARK if grid.flat[0].get_yscale() == "log" else "")
-        figure.supylabel(told, fontsize="medium")  # once: the panels share the axis
+        figure.supylabel(told, fontsize="medium")  # once, because the panels share the axis
         if line:
             legend(figure, *drawn)
 
@@ -230,7 +230,7 @@ def _thin_out(axes: Any) -> None:
 def _panels(
     found: Summary, x: str, y: str, line: Sequence[str], panel: Sequence[str]
 ) -> list[tuple[str, Mapping[str, Sequence[tuple[float, ...]]], int]]:
-    """Return for each panel its title, its lines, as points (x, y, half widths), and the most runs of a point."""
+    """Return for each panel its title, its lines, as points (x, y, half widths), and the most runs per point."""
     panels: dict[str, dict[str, list[tuple[float, ...]]]] = {}
     runs: dict[str, int] = {}
     for row in found.rows:
@@ -251,7 +251,7 @@ def _panels(
 
 
 def _half_width(deviation: float | None, runs: int) -> float:
-    """Return half of the interval of Student's t around a mean; 0 of a single run."""
+    """Return half of the interval of Student's t around a mean; 0 for a single run."""
     return 0.0 if deviation is None or runs < 2 else t_quantile(runs - 1) * deviation / math.sqrt(runs)
 
 

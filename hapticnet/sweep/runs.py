@@ -16,7 +16,7 @@ Columns: TypeAlias = dict[str, Kind]  # names and types of the columns of a tabl
 Row: TypeAlias = dict[str, Any]  # one run: a value, or None, for each column
 RUN_COLUMNS: Final[Columns] = {"run": "int", "repeat": "int"}
 ERROR_COLUMNS: Final[Columns] = {"error": "text"}
-FOR_REPEAT: Final = 1  # spawn key of what a repeat's combinations share, such as the motion of the hand
+FOR_REPEAT: Final = 1  # spawn key of random numbers shared by a repeat's combinations, such as the hand's motion
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,14 +53,14 @@ class Plan(ABC):
     """A study with its files read and its combinations counted."""
 
     task: ClassVar[str]
-    measured: ClassVar[Columns]  # what a run measures; docs/use/compare.md explains each
+    measured: ClassVar[Columns]  # measures of a run; docs/use/compare.md explains each
 
     name: str
     seed: int
     repeats: int  # how often every combination is run
     grid: Grid
     swept: tuple[str, ...]  # parameters of codecs that the study varies
-    digest: str = ""  # SHA-256 of all that determines the numbers, except how often the study is repeated
+    digest: str = ""  # SHA-256 of everything that determines the numbers, except the repeats
 
     @property
     def cells(self) -> int:
@@ -74,13 +74,13 @@ class Plan(ABC):
 
     @property
     def sharing(self) -> int:
-        """So many combinations in a row share most of their work, so a shard should have all of them."""
+        """Number of combinations in a row that share most of their work, so a shard should contain all of them."""
         return 1
 
     @property
     @abstractmethod
     def settings(self) -> Columns:
-        """Columns that tell combinations apart."""
+        """Columns that distinguish combinations."""
 
     @property
     def columns(self) -> Columns:
@@ -89,19 +89,19 @@ class Plan(ABC):
 
     @abstractmethod
     def runner(self) -> "Runner":
-        """Return what computes its runs in this process."""
+        """Return a runner that computes its runs in this process."""
 
 
 class Runner(ABC):
-    """Computes runs. It may keep what several of them need, but no result may depend on which runs it did before."""
+    """Computes runs. It may cache shared work, but no result may depend on earlier runs."""
 
     @abstractmethod
     def settings(self, cell: int) -> Row:
-        """Return the columns that tell a combination from others."""
+        """Return the columns that identify a combination."""
 
     @abstractmethod
     def measure(self, repeat: int, cell: int, rng: np.random.Generator) -> Row:
-        """Return what a run finds. The generator belongs to this run alone."""
+        """Return the measures of a run. The generator belongs to this run alone."""
 
 
 def rng_of_repeat(seed: int, repeat: int) -> np.random.Generator:
@@ -119,7 +119,7 @@ def rows_of(plan: Plan, runner: Runner, shard: Shard) -> list[Row]:
         rng = np.random.default_rng(np.random.SeedSequence(entropy=plan.seed, spawn_key=(run,)))
         try:
             row |= runner.measure(repeat, cell, rng)
-        except (MemoryError, OSError):  # of this machine, not of this run
+        except (MemoryError, OSError):  # a fault of this machine, not of this run
             raise
         except Exception as error:  # a user's codec may raise anything
             row["error"] = in_words(error)
@@ -133,7 +133,7 @@ def overlap(shards: Sequence[Shard]) -> tuple[Shard, Shard] | None:
 
 
 class Cutter:
-    """Cuts the runs that no shard has yet into shards."""
+    """Cuts the runs that are in no shard yet into shards."""
 
     def __init__(self, there: Iterable[Shard], runs: int) -> None:
         gaps, at = [], 0
@@ -145,7 +145,7 @@ class Cutter:
         self.left = sum(gap.runs for gap in gaps)
 
     def cut(self, most: int) -> Shard | None:
-        """Return the next shard of at most so many runs; None if nothing is left."""
+        """Return the next shard of at most this many runs; None if nothing is left."""
         if not self._gaps:
             return None
         gap = self._gaps.pop()

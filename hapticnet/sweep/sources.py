@@ -1,4 +1,4 @@
-"""What a run is made of: a codec, the networks, and what is touched, in a form that a worker can be sent."""
+"""The parts of a run that are sent to a worker: a codec, the networks, and the source of forces."""
 
 import dataclasses
 import hashlib
@@ -25,7 +25,7 @@ from hapticnet.scene.sources import find_scene, make_scene
 from hapticnet.sweep.runs import Columns, Row
 from hapticnet.sweep.study import LinkAxes, Reading
 
-PARAMETER: Final = "parameter_"  # start of the names of columns with parameters of codecs
+PARAMETER: Final = "parameter_"  # prefix of the columns with parameters of codecs
 
 LINK_COLUMNS: Final[Columns] = {
     "forward": "text", "feedback": "text", "delay_ms": "float", "jitter_ms": "float", "loss": "float",
@@ -40,7 +40,7 @@ HANDS: Final[dict[str, type[InsertionSettings] | type[PalpationSettings]]] = {
 
 @dataclass(frozen=True, slots=True)
 class Coder:
-    """A codec as a worker makes it; `source` is its name, or ``FILE.py:CLASS`` or ``package.module:CLASS``."""
+    """A codec that a worker can make; `source` is its name, or ``FILE.py:CLASS`` or ``package.module:CLASS``."""
 
     source: str
     name: str
@@ -72,7 +72,7 @@ def coder_columns(swept: tuple[str, ...]) -> Columns:
 
 
 def coders(axes: LinkAxes) -> tuple[Coder, ...]:
-    """Return the codecs of a study with each of their laws and parameters; SettingsError if one cannot be made."""
+    """Return the codecs of a study with all laws and parameters; SettingsError if one cannot be made."""
     sources = {parse_codec(text)[0]: split_codec(text)[0] for text in axes.codec}
     laws = {key: getattr(axes, key) for key in LAW_KEYS}
     return tuple(
@@ -113,7 +113,7 @@ def links(axes: LinkAxes) -> tuple[Link, ...]:
 
 @dataclass(frozen=True, slots=True)
 class Touched:
-    """A scene of tissues or bodies that a scripted hand touches. Every repeat has another motion."""
+    """A scene of tissues or bodies that a scripted hand touches. Every repeat has a new motion."""
 
     name: str
     scene: Any
@@ -135,7 +135,7 @@ class Touched:
         return {"source": self.name, "hand": self.hand, "rate_hz": self.rate_hz}
 
     def fingerprint(self) -> Any:
-        """Return all that determines the numbers, for JSON."""
+        """Return everything that determines the numbers, for JSON."""
         return dataclasses.asdict(self)
 
 
@@ -154,7 +154,7 @@ class Recorded:
         return {"source": self.recorded.name, "hand": None, "rate_hz": None}
 
     def fingerprint(self) -> Any:
-        """Return all that determines the numbers, for JSON."""
+        """Return everything that determines the numbers, for JSON."""
         trial, parts = self.recorded, hashlib.sha256()
         for array in (trial.t_us, trial.stimuli, trial.positions):
             parts.update(b"none" if array is None else repr(array.shape).encode() + array.tobytes())
@@ -167,7 +167,7 @@ Source: TypeAlias = Touched | Recorded
 def touched(scene: str, hand: str | None, rate_hz: float, folder: Path) -> Touched:
     """Return a scene, whose path is relative to `folder`, and the hand (with ``:KEY=VALUE,…``) that touches it.
 
-    None: the hand that suits the scene, once. SettingsError if something is wrong; FileError for a bad file.
+    None: the hand that suits the scene, once. SettingsError for a wrong value; FileError for a bad file.
     """
     settings = find_scene(scene, folder)
     axes = make_scene(settings).axes

@@ -1,4 +1,4 @@
-"""The store of a study's results: a folder of Parquet shards that are whole (named by digest) or not there."""
+"""The store of a study's results: a folder of Parquet shards, each complete (named by digest) or absent."""
 
 import hashlib
 import json
@@ -31,7 +31,7 @@ NEEDS: Final = "hapticnet sweep needs pyarrow and duckdb (extra sweep): pip inst
 
 @cache
 def versions() -> dict[str, str]:
-    """Return what numbers may depend on besides the study."""
+    """Return the versions that numbers may depend on."""
     return {"hapticnet": own_version(), "numpy": version("numpy"), "python": platform.python_version()}
 
 
@@ -46,7 +46,7 @@ def arrow() -> tuple[Any, Any]:
 
 
 def shard_bytes(plan: Plan, shard: Shard, rows: list[Row]) -> bytes:
-    """Return rows as a Parquet file with zstd compression, which says what it belongs to and what computed it."""
+    """Return rows as a Parquet file with zstd compression, with its provenance."""
     pa, parquet = arrow()
     types = {"int": pa.int64(), "float": pa.float64(), "text": pa.string()}
     origin = {"study": plan.digest, "first": shard.first, "end": shard.end, **versions()}
@@ -99,13 +99,13 @@ class Store:
 
     @contextmanager
     def held(self) -> Iterator[None]:
-        """Keep other sweeps out of the folder; UnavailableError if one is at work in it."""
+        """Keep other sweeps out of the folder; UnavailableError if one is running in it."""
         check_folder(self.path)
-        with locked(self.path / LOCK, UnavailableError(f"{self.path}: another sweep is at work in this folder")):
+        with locked(self.path / LOCK, UnavailableError(f"{self.path}: another sweep is running in this folder")):
             yield
 
     def open(self, plan: Plan, text: str, about: Mapping[str, Any]) -> list[Shard]:
-        """Prepare the folder for a plan, whose file is copied there; return the shards that are there.
+        """Prepare the folder for a plan, whose file is copied there; return the existing shards.
 
         SettingsError if the folder belongs to another study or has more runs; FileError if a file cannot be used.
         """
@@ -139,7 +139,7 @@ class Store:
         return shards
 
     def about(self) -> dict[str, Any]:
-        """Return what the folder belongs to; raise FileError if it is not a folder of a study."""
+        """Return the folder's description; raise FileError if it is not a folder of a study."""
         path = self.path / ABOUT
         if not path.exists():
             raise FileError(f"{self.path} has no {ABOUT}: it is not a folder that hapticnet sweep wrote")
@@ -151,7 +151,7 @@ class Store:
         return content | known
 
     def shards(self, digest: str) -> list[Shard]:
-        """Return the shards that are there; FileError if one is damaged, of another study, or overlaps another."""
+        """Return the existing shards; FileError if one is damaged, of another study, or overlaps another."""
         found: dict[Path, Shard] = {}
         for file in sorted(self.path.glob(SHARDS)):
             named = _SHARD.fullmatch(file.name)
@@ -161,7 +161,7 @@ class Store:
             if study != digest:
                 raise FileError(f"{file} belongs to another study; move it elsewhere")
             if named is None or shard != Shard(int(named[1]), int(named[2])) or rows != shard.runs:
-                raise FileError(f"{file} has {rows} rows from run {shard.first} on, which its name does not say")
+                raise FileError(f"{file} has {rows} rows from run {shard.first} on, which does not match its name")
             found[file] = shard
         if twice := overlap(list(found.values())):
             one, other = [file for file, shard in found.items() if shard in twice][:2]
@@ -169,7 +169,7 @@ class Store:
         return list(found.values())
 
     def write(self, shard: Shard, content: bytes) -> None:
-        """Store a shard: all of it, on disk, under its name; or nothing. Raise FileError if it cannot be written."""
+        """Store a shard atomically, synced to disk, under its name. Raise FileError if it cannot be written."""
         with replacing_bytes(self.path / shard_name(shard, content), follow=False, sync=True) as file:
             file.write(content)
 
@@ -182,7 +182,7 @@ class Store:
         if there["study"] != plan.digest:
             raise SettingsError(
                 f"{self.path} has the results of another study ({there['name']!r}), or this study was changed since;"
-                " choose another folder, or undo the change (more repeats are no change)"
+                " choose another folder, or undo the change (more repeats are allowed)"
             )
         if there["versions"].get("hapticnet") != versions()["hapticnet"]:
             raise SettingsError(
@@ -202,5 +202,5 @@ def _read_shard(path: Path) -> tuple[str, Shard, int, str]:
         return str(origin["study"]), shard, int(found.num_rows), _digest_of(content)
     except (pa.ArrowException, OSError, KeyError, TypeError, ValueError) as error:
         raise FileError(
-            f"{path} is not a whole shard of a study; remove it, and its runs are computed again"
+            f"{path} is not a complete shard of a study; remove it, and its runs are computed again"
         ) from error

@@ -1,4 +1,4 @@
-"""A study as its file states it: STUDY.toml with a task, the values of its axes, and the number of repeats."""
+"""The file of a study: STUDY.toml with a task, the values of its axes, and the number of repeats."""
 
 import math
 from collections.abc import Callable, Mapping
@@ -27,7 +27,7 @@ Value = TypeVar("Value")
 
 
 def _as_list(given: Any) -> list[Any]:
-    """Return the values of an axis, also those of a range. Raise ValueError with words for a person."""
+    """Return the values of an axis, also of a range. Raise ValueError with a message for a person."""
     if isinstance(given, Mapping):
         return _range(given)
     values = given if isinstance(given, list) else [given]
@@ -64,7 +64,7 @@ def _numbers(given: Any) -> list[float]:
     values = _as_list(given)
     for value in values:
         if not _is_number(value):
-            raise ValueError(f"each value must be a number, and {value!r} is none; write {FORMS}")
+            raise ValueError(f"each value must be a number, and {value!r} is not; write {FORMS}")
     return _without_repeats([float(value) for value in values])
 
 
@@ -85,7 +85,7 @@ def _is_number(value: Any) -> bool:
 
 
 def _in_words(parse: Callable[[Any], Value], text: Any) -> Value:
-    """Return what a parser makes of a text; its error becomes one that the model reports with the key."""
+    """Return a text parsed; an error of the parser becomes one that the model reports with the key."""
     try:
         return parse(text)
     except HapticnetError as error:
@@ -135,7 +135,7 @@ Repairs: TypeAlias = Annotated[Texts, _each(_repair)]
 
 
 class LinkAxes(BaseModel):
-    """The axes that every task has: codecs and their law, the rate of positions, and parts of the networks."""
+    """The axes of every task: codecs and their law, the rate of positions, and parts of the networks."""
 
     model_config = STRICT
 
@@ -153,7 +153,7 @@ class LinkAxes(BaseModel):
 
 
 class FeltAxes(LinkAxes):
-    """The axes of the task "felt": what is touched, and after which time a lost update is replaced."""
+    """The axes of the task "felt": the source of forces, and the time after which a lost update is replaced."""
 
     scene: Texts | None = None
     hand: Texts | None = None
@@ -168,7 +168,7 @@ class OrderingAxes(LinkAxes):
 
 
 class Reading(BaseModel):
-    """How recordings are read, as by the options of ``hapticnet encode``."""
+    """How to read recordings, as in the options of ``hapticnet encode``."""
 
     model_config = STRICT
 
@@ -181,7 +181,7 @@ class Reading(BaseModel):
 
 
 class Shown(BaseModel):
-    """What ``hapticnet sweep show`` shows without options, by names of columns; it changes no number."""
+    """Defaults of ``hapticnet sweep show``, by names of columns; they do not change the results."""
 
     model_config = STRICT
 
@@ -195,7 +195,7 @@ class Shown(BaseModel):
 
 
 class Study(BaseModel):
-    """What the files of all tasks have. More repeats add runs and change none."""
+    """The common part of all tasks' files. More repeats add runs and change none."""
 
     model_config = STRICT
 
@@ -206,7 +206,7 @@ class Study(BaseModel):
 
 
 class FeltStudy(Study):
-    """Forces felt over a network beside the true ones; see `node.closed_loop`."""
+    """Forces felt over a network compared with the true ones; see `node.closed_loop`."""
 
     task: Literal["felt"]
     axes: FeltAxes = Field(default_factory=FeltAxes)
@@ -227,7 +227,7 @@ TASKS: Final[dict[str, type[FeltStudy] | type[OrderingStudy]]] = {"felt": FeltSt
 
 @dataclass(frozen=True, slots=True)
 class StudyFile:
-    """A study with the text and the folder that it was read from, to which its paths are relative."""
+    """A study with its text and its folder, to which its paths are relative."""
 
     study: AnyStudy
     text: str

@@ -51,15 +51,15 @@ if TYPE_CHECKING:
 
 DEFAULT_SCENES: Final = ("paper:1",)
 NEVER_US: Final = 2**61  # later than the end of any recording [µs]
-SHOWN_ONLY: Final = {"show", "name", "repeats"}  # what a study may change without changing the numbers of a run
-KEPT_TRIALS: Final = 16  # trials that a worker keeps; the combinations that need one come together
+SHOWN_ONLY: Final = {"show", "name", "repeats"}  # keys that a study may change without changing the numbers of a run
+KEPT_TRIALS: Final = 16  # trials that a worker caches; combinations that share one are adjacent
 ORDERS: Final = tuple(permutations(PAPER_BREACH_FORCES_N))
 LIMIT_S: Final = 180.0
 LARGEST_SEED: Final = 2**31
 
 
 def plan_of(file: StudyFile, repeats: int | None = None) -> Plan:
-    """Return a study's plan, with `repeats` in place of its own; SettingsError or FileError if it cannot be used."""
+    """Return a study's plan, with `repeats` instead of its own; SettingsError or FileError if it cannot be used."""
     study = file.study
     if repeats is not None:
         check_integer("repeats", repeats, 1, MOST_REPEATS)
@@ -79,7 +79,7 @@ def plan_of(file: StudyFile, repeats: int | None = None) -> Plan:
 
 
 def _located(codec: str, folder: Path) -> str:
-    """Return a codec with the path of a file of the user relative to the folder of the study."""
+    """Return a codec with the path of a user's file relative to the folder of the study."""
     file, separator, rest = codec.partition(".py:")
     return f"{folder / file}.py:{rest}" if separator else codec
 
@@ -98,7 +98,7 @@ def _digest(file: StudyFile, plan: Plan) -> str:
 
 @dataclass(frozen=True, slots=True)
 class Repair:
-    """When a lost update is replaced [µs], and how the study writes it; None: `REPAIR_US` and one round trip."""
+    """When a lost update is replaced [µs], and its text in the study; None: `REPAIR_US` and one round trip."""
 
     text: str
     after_us: int | None
@@ -112,7 +112,7 @@ class Repair:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FeltPlan(Plan):
-    """A study of the task "felt"; its grid has the numbers of sources, codecs, links and repairs."""
+    """A study of the task "felt"; its grid has the indices of sources, codecs, links and repairs."""
 
     task: ClassVar[str] = "felt"
     measured: ClassVar[Columns] = {
@@ -124,11 +124,11 @@ class FeltPlan(Plan):
 
     @property
     def settings(self) -> Columns:
-        """Columns that tell combinations apart."""
+        """Columns that distinguish combinations."""
         return {**SOURCE_COLUMNS, **coder_columns(self.swept), **LINK_COLUMNS, "repair": "text"}
 
     def runner(self) -> Runner:
-        """Return what computes its runs in this process."""
+        """Return a runner that computes its runs in this process."""
         return FeltRunner(self)
 
 
@@ -142,7 +142,7 @@ def _felt(study: FeltStudy, folder: Path) -> FeltPlan:
     else:
         for key in ("scene", "hand", "rate_hz"):
             if key in axes.model_fields_set:
-                raise SettingsError(f"axes: recording takes the place of {key}; remove one of them")
+                raise SettingsError(f"axes: recording replaces {key}; remove one of them")
         sources = [recorded(folder / name, name, study.reading or Reading()) for name in axes.recording]
     repairs = tuple(Repair(text, _repair_us(text)) for text in axes.repair)
     return FeltPlan(
@@ -171,12 +171,12 @@ class FeltRunner(Runner):
         self._coded: tuple[tuple[int, int, Coder], Row] | None = None
 
     def settings(self, cell: int) -> Row:
-        """Return the columns that tell a combination from others."""
+        """Return the columns that identify a combination."""
         number, coder, link, repair = self._plan.grid[cell]
         return {**self._plan.sources[number].row(), **coder.row(self._plan.swept), **link.row(), "repair": repair.text}
 
     def measure(self, repeat: int, cell: int, rng: np.random.Generator) -> Row:
-        """Return what a run finds."""
+        """Return the measures of a run."""
         number, coder, link, repair = self._plan.grid[cell]
         if coder not in self._codecs:
             self._codecs[coder] = coder.make()
@@ -208,7 +208,7 @@ class FeltRunner(Runner):
         return self._trials[key]
 
     def _coded_alone(self, number: int, repeat: int, coder: Coder) -> Row:
-        """Return what does not depend on the network; the combinations that share it follow each other."""
+        """Return the part that does not depend on the network; combinations that share it are adjacent."""
         key = number, repeat, coder
         if self._coded is None or self._coded[0] != key:
             codec, trial = self._codecs[coder], self._trial(number, repeat)
@@ -237,16 +237,16 @@ class OrderingPlan(Plan):
 
     @property
     def sharing(self) -> int:
-        """As many as there are observers, who feel the same trial."""
+        """The number of observers, because all feel the same trial."""
         return len(self.grid.axes[-1])
 
     @property
     def settings(self) -> Columns:
-        """Columns that tell combinations apart."""
+        """Columns that distinguish combinations."""
         return {**coder_columns(self.swept), **LINK_COLUMNS, "rate_hz": "float", "observer": "text"}
 
     def runner(self) -> Runner:
-        """Return what computes its runs in this process."""
+        """Return a runner that computes its runs in this process."""
         return OrderingRunner(self)
 
 
@@ -273,12 +273,12 @@ class OrderingRunner(Runner):
         self._last: tuple[Any, Played, Sequence[Look]] | None = None
 
     def settings(self, cell: int) -> Row:
-        """Return the columns that tell a combination from others."""
+        """Return the columns that identify a combination."""
         coder, link, rate_hz, observer = self._plan.grid[cell]
         return {**coder.row(self._plan.swept), **link.row(), "rate_hz": rate_hz, "observer": observer.name}
 
     def measure(self, repeat: int, cell: int, rng: np.random.Generator) -> Row:
-        """Return what a run finds."""
+        """Return the measures of a run."""
         coder, link, rate_hz, observer = self._plan.grid[cell]
         played, looks = self._trial(repeat, coder, link, rate_hz)
         forces_n = played.stimulus.breach_forces_n
@@ -299,7 +299,7 @@ class OrderingRunner(Runner):
         }
 
     def _trial(self, repeat: int, coder: Coder, link: Link, rate_hz: float) -> tuple[Played, Sequence[Look]]:
-        """Return a trial and its contacts. The observers who feel the same trial follow each other."""
+        """Return a trial and its contacts. Observers who feel the same trial are adjacent."""
         key = repeat, coder, link, rate_hz
         if self._last is None or self._last[0] != key:
             rng = rng_of_repeat(self._plan.seed, repeat)
@@ -323,6 +323,6 @@ class OrderingRunner(Runner):
 def _share_right(
     observer: ObserverSettings, looks: Sequence[Look], right: tuple[int, ...], answers: int, rng: np.random.Generator
 ) -> float:
-    """Return the share of observers, each with a perception of their own, who find the whole order."""
+    """Return the share of observers, each with their own perception, who find the whole order."""
     good = sum(Observer(observer.of_participant(rng), rng).order(looks) == right for _ in range(answers))
     return good / answers

@@ -1,4 +1,4 @@
-"""Where the page is, and who may open it."""
+"""The address of the page, and access to it."""
 
 import ipaddress
 import secrets
@@ -16,9 +16,9 @@ DEFAULT: Final = HostPort("127.0.0.1", 47880)  # where the page is served unless
 
 @dataclass(frozen=True, slots=True)
 class Access:
-    """Where the page is, and the tokens that open its views."""
+    """The address of the page, and the tokens that open its views."""
 
-    host: str  # what a browser calls this server
+    host: str  # this server's name in a browser
     port: int
     tokens: dict[View, str] = field(default_factory=lambda: new_tokens(VIEWS))
 
@@ -31,7 +31,7 @@ class Access:
         return secrets.compare_digest(token.encode(), self.tokens[view].encode())
 
     def is_ours(self, host: str) -> bool:
-        """Return whether a Host header names this server at any port, not a stranger's name (DNS rebinding)."""
+        """Return whether a Host header names this server at any port, and not a foreign name (DNS rebinding)."""
         try:
             name = urlsplit(f"//{host}").hostname
         except ValueError:
@@ -51,7 +51,7 @@ def new_tokens(views: tuple[View, ...]) -> dict[View, str]:
 
 
 def listen_for_pages(address: HostPort | None, views: tuple[View, ...] = VIEWS) -> tuple[socket.socket, Access]:
-    """Return a listening socket (port 0: a free one) and how to reach `views`; UnavailableError if not possible.
+    """Return a listening socket (port 0: a free one) and the access to `views`; UnavailableError if not possible.
 
     Without an `address`, `DEFAULT` is used, or another port of that host if this one is taken.
     """

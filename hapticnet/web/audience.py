@@ -1,4 +1,4 @@
-"""The pages that are connected, and the hand that one of them may have: what every kind of page is built on."""
+"""The connected pages and the hand that one of them may hold: the base of every kind of page."""
 
 import asyncio
 from abc import ABC, abstractmethod
@@ -19,19 +19,19 @@ INTERVAL_S: Final = 1 / messages.MESSAGES_PER_S
 
 
 class Seat:
-    """The hand, None if the positions come from elsewhere, and the page that has it."""
+    """The hand (None if the positions come from elsewhere) and the page that holds it."""
 
     def __init__(self, hand: LiveHand | None) -> None:
-        self.holder: Client | None = None  # the page that has it, or None
+        self.holder: Client | None = None  # the page that holds it, or None
         self._hand = hand
 
     @property
     def state(self) -> HandState:
-        """What the hand is doing."""
+        """The state of the hand."""
         return HandState.FREE if self._hand is None else self._hand.state
 
     def take(self, client: Client) -> None:
-        """Give the hand to a page; raise PeerError if another one has it or there is none."""
+        """Give the hand to a page; raise PeerError if another one holds it or there is none."""
         if self._hand is None:
             raise PeerError("the positions of this run come from elsewhere; there is no hand to take")
         if self.holder is not None and self.holder is not client:
@@ -40,18 +40,18 @@ class Seat:
         self._hand.take()
 
     def move(self, client: Client, hand: Hand) -> None:
-        """Move the hand, if this page has it. Otherwise it has just lost it, which is not its mistake."""
+        """Move the hand, if this page holds it. Otherwise it has just lost it, which is not a mistake."""
         client.heard = hand
         if self._hand is not None and client is self.holder:
             self._hand.move(hand.position_m)
 
     def release(self, client: Client) -> None:
-        """Take the hand back from a page, if it has it."""
+        """Take the hand back from a page, if it holds it."""
         if client is self.holder:
             self.let_go()
 
     def let_go(self) -> None:
-        """Withdraw the needle and free the hand, whoever has it."""
+        """Withdraw the needle and free the hand from any page."""
         self.holder = None
         if self._hand is not None and self._hand.state is not HandState.FREE:
             self._hand.release()
@@ -63,7 +63,7 @@ class Seat:
 
 
 def hello(view: View, source: str, hand: LiveHand | None) -> dict[str, Any]:
-    """Return what the first message to any page tells; `source` is where the positions come from, in a word."""
+    """Return the content of the first message to any page; `source` names the source of positions in a word."""
     settings = None if hand is None else hand.settings
     about = {
         "source": source,
@@ -75,18 +75,18 @@ def hello(view: View, source: str, hand: LiveHand | None) -> dict[str, Any]:
 
 
 class Audience(Watcher[NodeEvent], ABC):
-    """A watcher that keeps pages up to date and does what they ask, without waiting for one.
+    """A watcher that updates pages and handles their requests, without waiting for any of them.
 
-    Everything but `_take_down` is done 60 times a second, right after a tick, so that it is over before the next one.
+    Everything except `_take_down` is done 60 times a second, right after a tick, to finish before the next one.
     """
 
     name = "page"
-    views: tuple[View, ...] = messages.VIEWS  # the views that are served
-    farewell = "the master has ended"  # what pages are told at the end
+    views: tuple[View, ...] = messages.VIEWS  # the served views
+    farewell = "the master has ended"  # the last message to pages
 
     def __init__(self, hand: LiveHand | None, say: Callable[[str], None]) -> None:
-        self.clients: list[Client] = []  # the pages that are connected
-        self.seat = Seat(hand)  # who has the hand
+        self.clients: list[Client] = []  # the connected pages
+        self.seat = Seat(hand)  # who holds the hand
         self._say = say
         self._frames = 0
         self._told: dict[Client, tuple[str, HandState]] = {}
@@ -101,9 +101,9 @@ class Audience(Watcher[NodeEvent], ABC):
         self._timer = self._loop.call_later(INTERVAL_S, self._ring)
 
     def observe(self, now_us: int) -> None:
-        """Take down a tick, and send when it is time."""
+        """Record a tick, and send when it is time."""
         if self._failure is not None:
-            raise self._failure  # as from any watcher: it is told and switched off, and the run goes on
+            raise self._failure  # as with any watcher: it is reported and switched off, and the run continues
         self._take_down(now_us)
         if self._is_due:
             self._is_due = False
@@ -123,7 +123,7 @@ class Audience(Watcher[NodeEvent], ABC):
         return CloseCode.MASTER_ENDED, self.farewell
 
     def refusal(self) -> tuple[CloseCode, str] | None:
-        """Return why one page more is not served; None if it is."""
+        """Return why another page is refused; None if it is accepted."""
         return (CloseCode.TOO_MANY_PAGES, "too many pages are open") if len(self.clients) >= MOST_PAGES else None
 
     def connect(self, client: Client) -> None:
@@ -132,13 +132,13 @@ class Audience(Watcher[NodeEvent], ABC):
         self._greet(client)
 
     def disconnect(self, client: Client) -> None:
-        """Forget a page; if it had the hand, the needle is withdrawn."""
+        """Forget a page; if it held the hand, withdraw the needle."""
         self.clients.remove(client)
         self._told.pop(client, None)
         self.seat.release(client)
 
     def receive(self, client: Client, data: str | bytes) -> None:
-        """Do what a page asks; what it may not ask, and what makes no sense, is answered with an error."""
+        """Handle a page's request; answer forbidden or invalid ones with an error."""
         try:
             message = messages.parse_text(data) if isinstance(data, str) else messages.parse_binary(data)
             if isinstance(message, Hand):
@@ -156,21 +156,21 @@ class Audience(Watcher[NodeEvent], ABC):
 
     @abstractmethod
     def _greet(self, client: Client) -> None:
-        """Send what a page gets first."""
+        """Send the first messages to a page."""
 
     @abstractmethod
     def _obey(self, client: Client, message: PageMessage) -> None:
-        """Do what a page asks, other than about the hand; raise PeerError if it may not ask that."""
+        """Handle a page's request, except about the hand; raise PeerError if it is forbidden."""
 
     @abstractmethod
     def _send(self) -> None:
-        """Send what is due, `messages.MESSAGES_PER_S` times a second."""
+        """Send due messages, `messages.MESSAGES_PER_S` times a second."""
 
     def _give_hand(self, client: Client) -> None:
         self.seat.take(client)
 
     def _take_down(self, now_us: int) -> None:
-        """Take down a tick, in it."""
+        """Record a tick, during it."""
 
     def _tell_all(self, message: str) -> None:
         for client in self.clients:
@@ -202,7 +202,7 @@ class Audience(Watcher[NodeEvent], ABC):
     def _ring(self) -> None:
         self._timer = self._loop.call_later(INTERVAL_S, self._ring)
         was_due, self._is_due = self._is_due, True
-        if was_due:  # there was no tick since the last time
+        if was_due:  # no tick since the last time
             self._fire()
 
     def _fire(self) -> None:

@@ -1,4 +1,4 @@
-"""One page that is connected: what is sent to it, without ever waiting for it, and what it sends."""
+"""One connected page: messages to it, without ever waiting for it, and messages from it."""
 
 import asyncio
 from collections import deque
@@ -12,9 +12,9 @@ from hapticnet.web.messages import View
 if TYPE_CHECKING:
     from hapticnet.web.messages import Hand
 
-LARGEST_BACKLOG: Final = 1 << 18  # bytes waiting for a page above which messages are left out; 40 kB make a second
+LARGEST_BACKLOG: Final = 1 << 18  # bytes waiting for a page above which messages are omitted; 40 kB last a second
 LONGEST_QUEUE: Final = 256  # messages waiting for a page, above which it is disconnected
-PARTING_S: Final = 0.5  # longest time [s] that a page has to hear why it is disconnected
+PARTING_S: Final = 0.5  # longest time [s] for a page to receive the reason for its disconnection
 MOST_MESSAGES_PER_S: Final = 600  # messages a second from one page, above which it is disconnected; a hand sends 250
 
 
@@ -22,9 +22,9 @@ class Client:
     """A page, its WebSocket and the connection below."""
 
     def __init__(self, view: View, socket: web.WebSocketResponse, transport: asyncio.WriteTransport) -> None:
-        self.view = view  # what it may see and do
-        self.left_out = 0  # messages that it did not get because it reads too slowly
-        self.mistakes = 0  # messages from it that were not of the specification
+        self.view = view  # its permissions
+        self.left_out = 0  # messages omitted because it reads too slowly
+        self.mistakes = 0  # messages from it outside the specification
         self.heard: Hand | None = None  # its newest HAND message
         self._socket = socket
         self._transport = transport
@@ -44,14 +44,14 @@ class Client:
         self._put(message)
 
     def post_replaceable(self, message: str | bytes) -> None:
-        """Send a message, or leave it out if the page reads too slowly: a later one replaces it."""
+        """Send a message, or omit it if the page reads too slowly: a later one replaces it."""
         if self._queued_bytes + self._transport.get_write_buffer_size() > LARGEST_BACKLOG:
             self.left_out += 1
             return
         self._put(message)
 
     def admits(self) -> bool:
-        """Count a message from the page; return whether it may send as many."""
+        """Count a message from the page; return whether its rate is allowed."""
         second = now_us() // 1_000_000
         if second != self._second:
             self._second, self._messages = second, 0
@@ -64,13 +64,13 @@ class Client:
         return self._closing is not None
 
     def close(self, code: int, reason: str) -> None:
-        """Disconnect the page and tell it why."""
+        """Disconnect the page with a reason."""
         if self._closing is None:
             self._closing = code, reason
             self._wake.set()
 
     async def finish(self) -> None:
-        """Stop sending; if the page is being disconnected, first give it a moment to hear why."""
+        """Stop sending; if the page is being disconnected, first give it a moment to receive the reason."""
         if self._closing is not None:
             await asyncio.wait([self._sender], timeout=PARTING_S)
         self._sender.cancel()
@@ -82,7 +82,7 @@ class Client:
         self._wake.set()
 
     async def _send(self) -> None:
-        """Send what is in the queue. Only this task waits for the page."""
+        """Send the queue. Only this task waits for the page."""
         socket = self._socket
         try:
             while self._closing is None:
@@ -94,7 +94,7 @@ class Client:
                     await (socket.send_str(message) if isinstance(message, str) else socket.send_bytes(message))
             code, reason = self._closing
             await socket.close(code=code, message=reason.encode())
-        except (ConnectionError, RuntimeError):  # the page has gone; whoever reads from it finds out
+        except (ConnectionError, RuntimeError):  # the page has gone; its reader finds out
             pass
         finally:
             self._queue.clear()

@@ -1,4 +1,4 @@
-"""What a page may change while it runs: the threshold, the codec, and the delay and loss of the emulated channel."""
+"""Settings that a page may change during a run: threshold, codec, and delay and loss of the emulated channel."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from hapticnet.perception import WeberLaw
 
 CHANNEL_KEYS: Final = ("delay_ms", "loss_percent")
-ASK_EVERY_US: Final = 200_000  # shortest time [µs] between two sessions that are asked for because of a change
+ASK_EVERY_US: Final = 200_000  # shortest time [µs] between two requests for a session because of a change
 
 
 class Controls:
@@ -26,7 +26,7 @@ class Controls:
         self._wanted: tuple[str, WeberLaw] | None = None
         self._asked_us = -ASK_EVERY_US
         self._channels = list(channels)
-        # Docstrings are read for it, which takes too long between two ticks.
+        # This parses docstrings, which takes too long between two ticks.
         self._codecs = [{"name": codec["name"], "summary": codec["summary"]} for codec in describe_codecs()]
         self.adjustable = ("multiplier", "codec", *(CHANNEL_KEYS if channels else ()))  # settings that can be changed
 
@@ -49,7 +49,7 @@ class Controls:
         }
 
     def apply(self, change: Change) -> None:
-        """Change what is named, or nothing; PeerError if something cannot be changed, or there is no such codec."""
+        """Change all named settings, or none; PeerError if one cannot be changed, or there is no such codec."""
         for key in Change.__dataclass_fields__:
             if getattr(change, key) is not None and key not in self.adjustable:
                 raise PeerError(f"{key} cannot be changed in this run")
@@ -59,7 +59,7 @@ class Controls:
             self._change_channels(change)
 
     def work(self, now_us: int) -> None:
-        """Ask for a session with the codec wanted, at most every `ASK_EVERY_US`, since sliders are dragged."""
+        """Ask for a session with the wanted codec, at most every `ASK_EVERY_US`, because sliders are dragged."""
         if self._wanted is not None and not 0 <= now_us - self._asked_us < ASK_EVERY_US:
             (codec, law), self._wanted = self._wanted, None
             self._asked_us = now_us

@@ -1,7 +1,7 @@
-"""What the connections to the page may send: a little at a time, so that no flood delays a tick.
+"""Throttle the connections to the page, so that no flood delays a tick.
 
 Thousands of frames that arrive together would be parsed in one call. The gate passes bytes on in portions, at most one
-every `PASS_S`, and reads no more of a connection meanwhile. Those that have shown a token go first.
+every `PASS_S`, and reads nothing more from a connection meanwhile. Those that have shown a token go first.
 """
 
 import asyncio
@@ -12,12 +12,12 @@ from typing import Any, Final
 PASS_S: Final = 0.001  # time [s] between two portions
 PORTION_BYTES: Final = 256  # largest portion [B] passed on at once; a page with the hand sends 6 in a millisecond
 BYTES_PER_S: Final = 32 * 1024
-RESERVE_BYTES: Final = 128 * 1024  # what all connections without a token may send together; to load a page takes 20 kB
-MOST_CONNECTIONS: Final = 128  # one more, and the oldest without a token ends; a browser opens up to 7 for a page
+RESERVE_BYTES: Final = 128 * 1024  # limit [B] of all connections without a token together; loading a page takes 20 kB
+MOST_CONNECTIONS: Final = 128  # with one more, the oldest without a token ends; a browser opens up to 7 for a page
 
 
 class Gate:
-    """Pass on what arrives on the connections of a server, which makes a protocol for each."""
+    """Pass on the input of a server's connections; the server makes a protocol for each."""
 
     def __init__(self, make_protocol: Callable[[], asyncio.Protocol]) -> None:
         self._make_protocol = make_protocol
@@ -34,7 +34,7 @@ class Gate:
         return Connection(self, self._make_protocol())
 
     def trust(self, transport: object) -> None:
-        """Let a connection go first from now on: it has shown a token."""
+        """Give a connection priority, because it has shown a token."""
         connection = transport.connection if isinstance(transport, GatedTransport) else None
         if connection is not None and connection in self._open:
             del self._open[connection]
@@ -48,7 +48,7 @@ class Gate:
             connection.abort()
 
     def enter(self, connection: "Connection") -> None:
-        """Count a connection in."""
+        """Add a connection."""
         self._open[connection] = None
         if len(self._open) + len(self._trusted) > MOST_CONNECTIONS:
             next(iter(self._open)).abort()
@@ -61,7 +61,7 @@ class Gate:
             line.pop(connection, None)
 
     def queue(self, connection: "Connection") -> None:
-        """Let a connection whose bytes wait have its turn."""
+        """Queue a connection whose bytes wait."""
         self._waiting[connection not in self._trusted][connection] = None
         self._start()
 
@@ -70,7 +70,7 @@ class Gate:
             self._timer = self._loop.call_later(max(0.0, self._passed_s + PASS_S - self._loop.time()), self._pass)
 
     def _pass(self) -> None:
-        """Give one connection of each line its turn."""
+        """Serve one connection of each queue."""
         now_s = self._loop.time()
         refill = max(0.0, now_s - self._passed_s) * BYTES_PER_S
         self._reserve_bytes = min(self._reserve_bytes + refill, float(RESERVE_BYTES))
@@ -102,13 +102,13 @@ class Connection(asyncio.Protocol):
         self._server.connection_made(GatedTransport(self, transport))  # type: ignore[arg-type] # what aiohttp needs of it
 
     def connection_lost(self, error: Exception | None) -> None:
-        """End; tell the server only after its tasks have begun, because aiohttp's fail on a lost connection."""
+        """End; notify the server only after its tasks have begun, because aiohttp's fail on a lost connection."""
         self._gate.leave(self)
         self._bytes.clear()
         asyncio.get_running_loop().call_soon(self._server.connection_lost, error)
 
     def data_received(self, data: bytes) -> None:
-        """Keep what has arrived until it is this connection's turn, and read nothing more until then."""
+        """Keep the received bytes until this connection's turn, and read nothing more until then."""
         self._bytes += data
         if not self._transport.is_closing():
             self._transport.pause_reading()
@@ -150,12 +150,12 @@ class Connection(asyncio.Protocol):
         return len(portion)
 
     def pause_reading(self) -> None:
-        """Pass nothing on: the server has enough to do."""
+        """Pause, because the server is busy."""
         self._is_paused = True
         self._transport.pause_reading()
 
     def resume_reading(self) -> None:
-        """Pass on what arrives."""
+        """Resume passing on input."""
         self._is_paused = False
         if self._bytes:
             self._queue()
@@ -168,7 +168,7 @@ class Connection(asyncio.Protocol):
 
 
 class GatedTransport:
-    """The transport of a connection as the server sees it."""
+    """The transport that the server gets for a connection."""
 
     def __init__(self, connection: Connection, transport: asyncio.BaseTransport) -> None:
         self.connection = connection

@@ -1,8 +1,8 @@
-"""Messages between the server and the pages it serves: their specification, how the server's are made, a page's read.
+"""Messages between the server and the pages it serves: their specification, how to make the server's and read a page's.
 
 The watch view shows everything and has the controls; the operator view shows the scene only. Each has a token of its
 own, so a person at the operator view cannot change the address and see the rest. A view is at ``/VIEW?token=T``, and
-opens the WebSocket ``/socket/VIEW?token=T`` with the token of its own address; ``/static/NAME`` needs no token. The
+opens the WebSocket ``/socket/VIEW?token=T`` with the token of its address; ``/static/NAME`` needs no token. The
 server closes the socket with one of `CloseCode` and a reason for a person; after any other code the page tries again.
 
 A trial must not reveal the condition, and neither may the data sent to it: the operator view gets the needle, the
@@ -11,7 +11,7 @@ event. Its messages have the same sizes and come at the same times whatever is t
 
 Binary messages are little-endian, each number aligned to its size. JSON messages are text, one object each, with a key
 ``type``; messages of unknown type are ignored. Positions are in metres and increase into the tissue; forces are in
-newtons and positive when they push out of it. `HandState` numbers the states of the hand, `Contact` those of a contact.
+newtons and positive when they push out of it. `HandState` numbers the states of the hand, `Contact` a contact's.
 
 From the server, binary, `MESSAGES_PER_S` times a second
 --------------------------------------------------------
@@ -44,7 +44,7 @@ From the server, JSON
 To both views, after the hello and when they change::
 
     {"type": "hello", "version": 1, "view": "operator", "messages_per_s": 60,      // first, and once
-     "hand": {"source": "page",       // or "scripted", "trace", …: then nobody can take it
+     "hand": {"source": "page",       // or "scripted", "trace", …: then no page can take it
               "speed_m_per_s": 0.06,  // fastest motion of the needle
               "delay_ms": 50,         // how far the needle trails a steadily moving hand
               "repeat_ms": 100}}      // longest pause between HAND messages while the page has the hand
@@ -94,7 +94,7 @@ the needle stops; after `WITHDRAW_AFTER_US`, and when the socket closes, it is w
 ==========================================  =========================================================================
 ``{"type": "take"}``                        take the hand; refused with ``error`` while another page has it
 ``{"type": "release"}``                     give the hand back: the needle is withdrawn; sent when the page is hidden
-``{"type": "let_go"}``                      watch view: withdraw the needle and free the hand, whoever has it
+``{"type": "let_go"}``                      watch view: withdraw the needle and free the hand from any page
 ``{"type": "set", "multiplier": 2.0}``      watch view: change one or several settings of ``adjustable``
 ``{"type": "key", "number": 7,``            experiment: press a key of the task with this number; ignored if that
 ``"key": "enter"}``                         task is over, so that no press answers another question
@@ -141,7 +141,7 @@ HAND_BYTES: Final = _HAND.size
 
 
 class CloseCode(enum.IntEnum):
-    """Why the server closes a socket; after one of these a page does not try again by itself."""
+    """Why the server closes a socket; after these a page does not try again by itself."""
 
     WRONG_TOKEN = 4401
     TOO_MANY_MISTAKES = 4400
@@ -172,7 +172,7 @@ def text(kind: str, **content: Any) -> str:
 
 
 class MistakeError(PeerError):
-    """A message from a page is not of this specification."""
+    """A message from a page is outside this specification."""
 
 
 class Hand(NamedTuple):
@@ -183,7 +183,7 @@ class Hand(NamedTuple):
 
 
 class Order(enum.Enum):
-    """Take the hand, give it back, or withdraw the needle and free the hand whoever has it."""
+    """Take the hand, give it back, or withdraw the needle and free the hand from any page."""
 
     TAKE = "take"
     RELEASE = "release"
@@ -192,7 +192,7 @@ class Order(enum.Enum):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Change:
-    """Settings to change while it runs; None leaves one as it is."""
+    """Settings to change during a run; None leaves one unchanged."""
 
     multiplier: float | None = None
     codec: str | None = None
@@ -215,7 +215,7 @@ class Noise(NamedTuple):
 
 PageMessage: TypeAlias = Hand | Order | Change | Key | Noise
 
-LIMITS: Final[dict[str, tuple[float, float]]] = {  # of the settings that a page may change
+LIMITS: Final[dict[str, tuple[float, float]]] = {  # ranges of the settings that a page may change
     "multiplier": (0.0, 8.0),
     "delay_ms": (0.0, 250.0),  # each way: well below the largest age of a force, 1 s
     "loss_percent": (0.0, 50.0),
@@ -223,7 +223,7 @@ LIMITS: Final[dict[str, tuple[float, float]]] = {  # of the settings that a page
 
 
 def parse_binary(data: bytes) -> Hand:
-    """Return the HAND message in `data`; raise MistakeError if it is none, or its numbers are not finite."""
+    """Return the HAND message in `data`; raise MistakeError if it is invalid, or its numbers are not finite."""
     if len(data) != HAND_BYTES or data[0] != HAND:
         kind = data[0] if data else "none"
         raise MistakeError(
@@ -236,7 +236,7 @@ def parse_binary(data: bytes) -> Hand:
 
 
 def parse_text(data: str) -> PageMessage:
-    """Return the JSON message in `data`; MistakeError if it is none, of no known type, or a value is out of range."""
+    """Return the JSON message in `data`; MistakeError if it is invalid, of unknown type, or a value is out of range."""
     try:
         content = json.loads(data)
     except (ValueError, RecursionError):

@@ -1,7 +1,7 @@
 """A copy of the slave's scene, moved by the positions that the master sends: surfaces to draw, and the true force.
 
-The slave's scene stays where it is; what arrives from there is compressed. A built-in scene is known by its name alone,
-so the page can show what the force is before compression, and what the delay does to it. The copy differs from the
+The forces from the slave's scene arrive compressed. A built-in scene is known by its name alone,
+so the page can show the force before compression, and the effect of the delay. The copy differs from the
 original where positions are lost at the moment of a breach, until the needle is withdrawn.
 """
 
@@ -22,7 +22,7 @@ in a trial must not know, except where it breaks deeper than this."""
 
 
 def scene_called(name: str, given: SceneSettings | None = None) -> SceneSettings | None:
-    """Return `given` or the built-in scene of that name from the network, so without reading a file; or None."""
+    """Return `given` or the built-in scene of that name, if any; it comes from the network, so no file is read."""
     if given is not None and given.name == name:
         return given
     try:
@@ -33,17 +33,17 @@ def scene_called(name: str, given: SceneSettings | None = None) -> SceneSettings
 
 
 class Mirror:
-    """A scene and a needle; `is_new`: all tissues are intact. Else the force is unknown until it was before them."""
+    """A scene and a needle; unless it `is_new` (tissues intact), the force is unknown until the needle is in front."""
 
     def __init__(self, settings: SceneSettings, *, is_new: bool) -> None:
         self.settings = settings
-        self.scene = Scene(settings.tissues, name=settings.name)  # as the needle has left it
+        self.scene = Scene(settings.tissues, name=settings.name)  # in the state that the needle left
         self._first_m = self.scene.tissues[0].rest_position_m
         self._is_certain = is_new
 
     @property
     def range_m(self) -> tuple[float, float]:
-        """Positions [m] between which everything happens."""
+        """Range of positions [m] shown."""
         tissues = self.scene.tissues
         broken_m = max(tissue.rest_position_m + tissue.breach_depth_m for tissue in tissues)
         return min(0.0, self._first_m - AHEAD_M), max(tissues[-1].rest_position_m + BEHIND_M, 1.05 * broken_m)

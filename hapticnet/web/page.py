@@ -1,4 +1,4 @@
-"""The live page beside a master: takes down each tick, and tells every connected page what there is to see."""
+"""The live page beside a master: records each tick, and updates every connected page."""
 
 from collections import deque
 from collections.abc import Callable
@@ -23,18 +23,18 @@ from hapticnet.web.traffic import RecentMedian, TrafficMeter
 if TYPE_CHECKING:
     from hapticnet.web.client import Client
 
-NOT_READY_AFTER_US: Final = 1_000_000  # without a session, pages are told; a change of codec takes less
+NOT_READY_AFTER_US: Final = 1_000_000  # wait before pages learn of a lost session; a change of codec is faster
 FRAMES_PER_STATE: Final = messages.MESSAGES_PER_S // messages.STATES_PER_S
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PageSettings:
-    """What a page is about."""
+    """The subject of a page."""
 
-    source: str  # where the positions come from, in a word: page, scripted, trace, ….
-    device: str | None = None  # what renders the force, in a word; None without a device
+    source: str  # source of the positions, in a word: page, scripted, trace, ….
+    device: str | None = None  # device that renders the force, in a word; None without one
     hand: LiveHand | None = None  # the hand that a page may take; None if the positions come from elsewhere
-    scene: SceneSettings | None = None  # the slave's scene, if it is known and may be none of the built-in ones
+    scene: SceneSettings | None = None  # the slave's scene, if it is known and possibly not built in
     operator_url: str | None = None  # address of the operator view
     in_words: Callable[[NodeEvent], str]  # returns an event in words
     say: Callable[[str], None]  # called with a line for the person at the terminal
@@ -55,17 +55,17 @@ class Page(Audience):
         self._mirror: Mirror | None = None  # the copy of the slave's scene; None while it is not known
         self._events: deque[str] = deque(maxlen=messages.EVENTS_KEPT)
         self._connections = 0
-        self._streamed_us = 0  # when there was a session last
+        self._streamed_us = 0  # time of the last session
         self._is_ready = False
         self._left_out = 0  # for pages that have gone
 
     def note(self, event: NodeEvent, now_us: int) -> None:
-        """Tell the watch views about an event, and follow the slave's scene."""
+        """Report an event to the watch views, and follow the slave's scene."""
         if isinstance(event, SettingsInForce):  # the state message has them
             return
         if isinstance(event, Connected):
             self._connections += 1
-            self._flush()  # what was before belongs to the scene before
+            self._flush()  # earlier rows belong to the previous scene
             if self._follow_scene(event.grant.scene, is_new=not event.grant.resumed):
                 for client in self.clients:
                     client.post(self._scene(client.view))
@@ -79,12 +79,12 @@ class Page(Audience):
         super().connect(client)
 
     def disconnect(self, client: "Client") -> None:
-        """Forget a page; if it had the hand, the needle is withdrawn."""
+        """Forget a page; if it held the hand, withdraw the needle."""
         super().disconnect(client)
         self._left_out += client.left_out
 
     def report(self) -> dict[str, Any]:
-        """Return how many pages are connected, and how many messages were left out for slow ones."""
+        """Return how many pages are connected, and how many messages were omitted for slow ones."""
         views = [client.view for client in self.clients]
         left_out = self._left_out + sum(client.left_out for client in self.clients)
         return {**{view: views.count(view) for view in messages.VIEWS}, "left_out": left_out}
@@ -172,14 +172,14 @@ class Page(Audience):
 
     @property
     def _range_m(self) -> tuple[float, float]:
-        """Positions [m] that are shown, and between which a hand may move the needle."""
+        """Range of positions [m] shown, in which a hand may move the needle."""
         if self._mirror is not None:
             return self._mirror.range_m
         hand = self._settings.hand
         return hand.range_m if hand is not None else (0.0, 0.1)
 
     def _follow_scene(self, name: str, *, is_new: bool) -> bool:
-        """Use the scene that the slave calls `name`; return whether it is another one than before."""
+        """Use the scene that the slave calls `name`; return whether it changed."""
         before = self._mirror.settings if self._mirror is not None else None
         known = scene_called(name, self._settings.scene) if self._node.axes == 1 else None
         if known is None:
@@ -214,7 +214,7 @@ class Page(Audience):
         tissues = self._mirror.settings.tissues if self._mirror is not None else ()
         shown: list[dict[str, Any]] = [{"rest_m": tissue.rest_position_m} for tissue in tissues]
         content: dict[str, Any] = {"known": self._mirror is not None, "range_m": self._range_m, "tissues": shown}
-        if view == "watch":  # what the operator view is not told, it cannot show
+        if view == "watch":  # the operator view cannot show what it does not get
             content["name"] = self._node.scene_name
             for about, tissue in zip(shown, tissues, strict=True):
                 about |= {key: getattr(tissue, key) for key in ("name", "stiffness_n_per_m", "breach_force_n")}

@@ -23,7 +23,7 @@ from hapticnet.web.client import PARTING_S, Client
 from hapticnet.web.gate import Gate
 from hapticnet.web.messages import LARGEST_MESSAGE, CloseCode, View
 
-HEARTBEAT_S: Final = 5.0  # time [s] between two pings, which find pages that have gone without a word
+HEARTBEAT_S: Final = 5.0  # time [s] between two pings, which detect pages that have gone silently
 
 HEADERS: Final = {
     "Content-Security-Policy": (
@@ -97,7 +97,7 @@ class Server(Watcher[NodeEvent]):
         app.router.add_get("/static/{name:.+}", self._serve_file)
         app.router.add_get(f"/socket/{{view:{views}}}", self._serve_socket)
         logger = logging.getLogger("hapticnet.web")
-        logger.disabled = True  # what strangers send is no news, and no traceback may reach a user
+        logger.disabled = True  # do not log unknown peers' requests, and never show a user a traceback
         runner = web.AppRunner(app, access_log=None, logger=logger, handle_signals=False, shutdown_timeout=1.0)
         await runner.setup()
         self._runner = runner
@@ -116,7 +116,7 @@ class Server(Watcher[NodeEvent]):
 
     @web.middleware
     async def _guard(self, request: web.Request, handler: Handler) -> web.StreamResponse:
-        """Refuse requests that a page of a stranger may have caused."""
+        """Refuse requests that a foreign page may have caused."""
         await asyncio.sleep(0)  # requests that arrive in one piece are answered one by one, with ticks between them
         if not self._access.is_ours(request.headers.get("Host", "")):
             raise web.HTTPMisdirectedRequest(text="This server has another name. Open the address that was printed.\n")

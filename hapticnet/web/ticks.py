@@ -1,4 +1,4 @@
-"""What each tick of the master shows: taken down in the tick, turned into messages outside it."""
+"""Rows of the master's ticks: recorded in the tick, turned into messages outside it."""
 
 import math
 from typing import Final
@@ -11,12 +11,12 @@ from hapticnet.protocol.wire import Kind
 from hapticnet.web import messages
 from hapticnet.web.mirror import Mirror
 
-MOST_KEPT: Final = 20_000  # limit of the rows kept for a page that opens
+MOST_KEPT: Final = 20_000  # most rows kept for a new page
 _FORCE: Final = int(Kind.FORCE)
 
 
 class Ticks:
-    """Rows of a master's ticks, the newest `messages.HISTORY_S` of which are kept for pages that open later."""
+    """Rows of a master's ticks, with the newest `messages.HISTORY_S` kept for pages that open later."""
 
     def __init__(self, node: MasterNode, start_us: int) -> None:
         self.rows = 0  # number of rows so far
@@ -26,10 +26,10 @@ class Ticks:
         self._packets = 0.0
         self._felt = False
         self._past = np.empty((len(messages.COLUMNS), 2 * MOST_KEPT))  # times [s] since the server began come first
-        self._begin = self._end = 0  # of the rows that are kept
+        self._begin = self._end = 0  # of the kept rows
 
     def add(self, now_us: int) -> None:
-        """Take down a tick; called in it."""
+        """Record a tick; called during it."""
         node = self._node
         position_m = node.position_m
         if position_m is None:
@@ -53,7 +53,7 @@ class Ticks:
         taken, self._rows = self._rows, []
         rows = np.array(taken, dtype=np.float64)
         t_us, position, received, held, target, sensed, platform, counts = rows.T
-        position = position.astype(np.float32).astype(np.float64)  # what the slave gets
+        position = position.astype(np.float32).astype(np.float64)  # as the slave receives it
         if mirror is None:
             true = np.full(len(rows), math.nan)
         else:
@@ -70,12 +70,12 @@ class Ticks:
         return _in_messages(first, start_s, columns)
 
     def take_felt(self) -> bool:
-        """Return whether a force was felt in the ticks that were taken since the last call."""
+        """Return whether a force was felt in the ticks since the last call."""
         felt, self._felt = self._felt, False
         return felt
 
     def history(self) -> list[bytes]:
-        """Return SAMPLES messages of the past that is kept, for a page that opens now."""
+        """Return SAMPLES messages of the kept history, for a page that opens now."""
         kept = self._past[:, self._begin : self._end].copy()
         if not kept.shape[1]:
             return []
@@ -84,10 +84,10 @@ class Ticks:
         return _in_messages(self.rows - kept.shape[1], start_s, kept)
 
     def _keep(self, start_s: float, columns: FloatArray) -> None:
-        # One array that is written to its end and then begun again: pieces would have to be joined for each page that
+        # One array that is filled and then restarted: pieces would have to be joined for each page that
         # opens, which takes longer than a tick.
         past, count = self._past, columns.shape[1]
-        if count > MOST_KEPT:  # the loop has stopped for long
+        if count > MOST_KEPT:  # the loop was stopped for long
             columns, count = columns[:, -MOST_KEPT:], MOST_KEPT
         if self._end + count > past.shape[1]:
             self._begin = max(self._begin, self._end - MOST_KEPT)

@@ -1,4 +1,4 @@
-"""Packets and bytes of both directions beside what they would be without compression, and round trips."""
+"""Packets and bytes of both directions compared with no compression, and round trips."""
 
 from collections import deque
 from collections.abc import Sequence
@@ -18,7 +18,7 @@ _KEYS: Final = ("packets", "bytes", "raw_packets", "raw_bytes")
 
 
 class RecentMedian:
-    """Median of what a distribution gained over the last second, which a change of the delay soon shows."""
+    """Median of a distribution's samples of the last second, which soon shows a change of the delay."""
 
     def __init__(self) -> None:
         self._past: deque[tuple[float, dict[int, int]]] = deque([(0.0, {})])
@@ -68,7 +68,7 @@ class TrafficMeter:
     @property
     def lost(self) -> int:
         """Datagrams of the slave that did not arrive since `since_s`."""
-        # A datagram that was only late is taken off the count again, perhaps after the totals began.
+        # A datagram that was only late is subtracted again, perhaps after the totals began.
         return max(0, self._node.session.received.lost - self._lost_before)
 
     def report(self, now_s: float, *, felt: bool) -> dict[str, dict[str, float]]:
@@ -92,7 +92,7 @@ class TrafficMeter:
         session, axes = self._node.session, self._node.axes
         positions = session.sent.by_kind[Kind.POSITION]
         new = positions - self._raw_positions
-        # The sequence number and the time are as large as they are now; only their sizes matter.
+        # Use the present sequence number and time; only their sizes matter.
         one = np.array([positions]), np.array([1 << 31]), np.array([4 * axes], dtype=np.uint16)
         size = int(force_datagram_bytes(*one)[0]) + (TAG_BYTES if session.sealed else 0) + UDP_IPV4_HEADER_BYTES
         self._raw_positions = positions

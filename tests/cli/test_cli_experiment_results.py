@@ -62,7 +62,7 @@ def test_analyse_writes_report_tables_and_pictures(run, study):
         assert (results / f"{name}.pdf").read_bytes().startswith(b"%PDF")
     assert (results / "report.md").read_text() == done.stdout
     assert all(f"({name}.png)" in done.stdout for name in FIGURES)
-    assert "a default, since there is no plan" in done.stdout
+    assert "the default, because there is no plan" in done.stdout
 
 
 def test_nothing_in_a_table_speaks_to_the_terminal_or_stays_in_the_report(run, tmp_path):
@@ -179,7 +179,7 @@ def test_power_assumes_the_paper_s_shares_and_asks_for_those_of_other_conditions
     assert done.stdout.startswith("SIMULATED, assumed shares 0.775,0.8,0.675,0.5375")
     plan = tmp_path / "my.toml"
     plan.write_text('[[condition]]\nname = "none"\ncodec = "raw"\n[[condition]]\nname = "3 JND"\nmultiplier = 3.0\n')
-    told = "condition '3 JND' is none of the paper's", "--shares 0.775,0.675"
+    told = "condition '3 JND' is not in the paper", "--shares 0.775,0.675"
     assert_only_line(run("experiment", "power", plan, *options), *told, code=2)
     done = run("experiment", "power", plan, "--shares", "0.775,0.675", *options, "--json")
     assert [each["condition"] for each in json.loads(done.stdout)["designs"]] == ["none", "3 JND"]

@@ -61,7 +61,7 @@ def test_recover_completes_and_says_so(run, tmp_path):
     assert_only_line(run("info", tmp_path / "copy.mcap"), f"run 'hapticnet recover {copy}'", code=FileError.exit_code)
     done = run("recover", copy, "--json")
     assert json.loads(done.stdout)["file"] == str(tmp_path / "copy.mcap")
-    assert "complete        no; the file that it comes from was cut off" in run("info", tmp_path / "copy.mcap").stdout
+    assert "complete        no; the source file was cut off" in run("info", tmp_path / "copy.mcap").stdout
     assert "there is nothing to recover" in run("recover", tmp_path / "copy.mcap").stderr
 
 
@@ -170,7 +170,7 @@ def test_info_shows_a_person_a_line_for_each_event_and_what_was_in_force_when(ru
     ]
     events = shown[shown.index("events:") + 1 :][:2]
     assert [line.split()[2] for line in events] == ["Connected", "Ended"]
-    assert not [line for line in shown if "asked_at_start" in line], "what was asked for is not what was in force"
+    assert not [line for line in shown if "asked_at_start" in line], "requested settings may differ from those in force"
     note = "channel_in, codec, parameters changed during this recording, at t_us 1100000: "
     assert [line for line in shown if note in line]
     assert "complete        yes" in shown

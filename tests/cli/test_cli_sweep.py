@@ -165,12 +165,12 @@ def test_a_damaged_or_foreign_shard_is_named(run, study, swept):
         )
     shard.write_bytes(content[:-20])
     assert_only_line(
-        run("sweep", study, "--out-dir", swept), f"{shard} is not a whole shard of a study; remove it", code=3
+        run("sweep", study, "--out-dir", swept), f"{shard} is not a complete shard of a study; remove it", code=3
     )
     shard.unlink()
     foreign = swept / shard_name(Shard(6, 11), content)
     foreign.write_bytes(content)
-    assert_only_line(run("sweep", study, "--out-dir", swept), "which its name does not say", code=3)
+    assert_only_line(run("sweep", study, "--out-dir", swept), "which does not match its name", code=3)
     foreign.unlink()
     done = run("sweep", study, "--out-dir", swept, "--jobs", "1", "--json")
     assert json.loads(done.stdout)["computed"] == 5
@@ -179,7 +179,7 @@ def test_a_damaged_or_foreign_shard_is_named(run, study, swept):
 def test_a_folder_that_another_sweep_writes_to_is_left_alone(run, study, swept):
     with (swept / "sweep.lock").open("w") as lock:
         fcntl.flock(lock, fcntl.LOCK_EX)
-        assert_only_line(run("sweep", study, "--out-dir", swept), "another sweep is at work in this folder", code=4)
+        assert_only_line(run("sweep", study, "--out-dir", swept), "another sweep is running in this folder", code=4)
 
 
 def test_what_is_missing_on_the_command_line_or_the_machine_is_told(run, study, swept, tmp_path, monkeypatch):
@@ -211,4 +211,4 @@ def test_a_signal_ends_the_sweep_with_its_code_after_the_shards_in_hand(run, stu
     for number in (signal.SIGINT, signal.SIGTERM):
         done = run("sweep", study, "--out-dir", tmp_path / "out")
         assert done.returncode == 128 + number
-        assert "stopped with 5 of 18 runs; the same command goes on" in done.stderr
+        assert "stopped with 5 of 18 runs; the same command continues" in done.stderr

@@ -86,7 +86,7 @@ def test_a_udp_operator_listens_on_loopback_unless_a_host_is_named():
     assert re.fullmatch(r"positions are read from 127\.0\.0\.1:\d+", said[0])
     assert hands[1].operator.axes == 3
     assert said[1].endswith(", 3 axes")
-    assert said[3].startswith("whoever reaches 0.0.0.0:")
+    assert said[3].startswith("anyone who reaches 0.0.0.0:")
     assert len(said) == 4
     assert hand.report() == {"positions": 0, "malformed": 0, "unknown_peers": 0, "silences": 0, "answers": 0}
 

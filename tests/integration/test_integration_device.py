@@ -62,7 +62,7 @@ def test_an_unplugged_device_costs_no_session_and_is_taken_up_again(start, slave
         master.wait_for(LOST)
         device, _ = plug_in()
     master.wait_for(READY)
-    assert "device lost (unplugged); the session goes on" in master.said()
+    assert "device lost (unplugged); the session continues" in master.said()
     assert master.end() == 0
     account = master.report()
     assert account["connections"] == 1

@@ -74,7 +74,7 @@ def test_a_process_beside_a_slave_that_died_is_told_once_in_log_report_and_exit_
     server.wait_for("listening on")
     (helper,) = Path(f"/proc/{server.process.pid}/task/{server.process.pid}/children").read_text().split()
     os.kill(int(helper), signal.SIGKILL)
-    said = "warning slave: the process of --metrics has ended unexpectedly (exit code -9); the run goes on"
+    said = "warning slave: the process of --metrics has ended unexpectedly (exit code -9); the run continues"
     server.wait_for(said.replace("(", r"\(").replace(")", r"\)"))
     assert server.end() == 1
     assert server.said().count("warning slave: the process of --metrics") == 1

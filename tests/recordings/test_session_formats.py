@@ -301,5 +301,5 @@ def test_half_a_character_in_facts_and_events_is_replaced(tmp_path, suffix):
 
 @pytest.mark.parametrize("name", ["../../x", "a/b", ".", "x\x1b", "x" * 100])
 def test_a_table_whose_name_is_no_word_is_damage(tmp_path, name):
-    with pytest.raises(FileError, match="is no name of a table"):
+    with pytest.raises(FileError, match="is not a valid name of a table"):
         read_of(tmp_path, **{f"{name}.t_us": np.arange(5)})

@@ -111,7 +111,7 @@ def test_what_is_recovered_opens_in_the_public_reader(tmp_path, whole, share):
     after = read_session(done.path)
     assert after.is_whole
     assert not after.complete, "something is missing"
-    assert after.about.pop("incomplete") == "the file that it comes from was cut off or damaged"
+    assert after.about.pop("incomplete") == "the source file was cut off or damaged"
     assert after.about == before.about
     np.testing.assert_array_equal(after.main["t_us"], before.main["t_us"])
 
@@ -204,8 +204,8 @@ def test_a_numpy_archive_whose_arrays_do_not_fit_together_is_refused(tmp_path):
     with np.load(path) as arrays:
         whole = dict(arrays)
     for damage, message in (
-        ({"held_n": whole["held_n"][:50]}, "the columns of its table of ticks do not fit together"),
-        ({"held_n": np.array(["1"] * 100)}, "the columns of its table of ticks do not fit together"),
+        ({"held_n": whole["held_n"][:50]}, "the columns of its table of ticks do not match"),
+        ({"held_n": np.array(["1"] * 100)}, "the columns of its table of ticks do not match"),
         ({"other.direction": np.zeros(3)}, "its table of others has no times"),
         ({"t_us": whole["t_us"] * 10**12}, "the times of its table of ticks are out of range"),
         ({"events": np.array(json.dumps([["now", "Connected", ""]]))}, "not a recording of hapticnet"),

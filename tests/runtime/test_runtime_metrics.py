@@ -168,4 +168,4 @@ def test_a_serving_process_that_ends_early_is_told_once(loopback):
         await metrics.stop()
 
     asyncio.run(run())
-    assert told == ["the process of --metrics has ended unexpectedly (exit code -9); the run goes on"]
+    assert told == ["the process of --metrics has ended unexpectedly (exit code -9); the run continues"]

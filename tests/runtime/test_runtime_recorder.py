@@ -148,7 +148,7 @@ def test_a_run_does_not_wait_for_ever_for_a_disk_that_does_not_answer(tmp_path, 
     pump_until(recorder, (tmp_path / f"a.csv{UNFINISHED}").exists)
     os.kill(recorder.process.pid, signal.SIGSTOP)
     recorder.finish()
-    assert said == [f"recording stops: the disk is slow; process {recorder.process.pid} goes on writing"]
+    assert said == [f"recording stops: the disk is slow; process {recorder.process.pid} continues writing"]
     os.kill(recorder.process.pid, signal.SIGCONT)
     wait_until((tmp_path / "a.csv").exists)
 

@@ -143,7 +143,7 @@ def test_a_trial_without_an_answer_is_left_out_not_taken_for_wrong():
     first = results.conditions[0]
     assert (first.share, first.trials) == (1.0, 19)
     assert results.missing == (
-        "Trials without an answer, left out: 1.",
+        "Trials without an answer, omitted: 1.",
         "Participant 01 has 9 trials of none; others have 10.",
     )
 
@@ -153,7 +153,7 @@ def test_a_participant_without_a_condition_is_left_out_of_its_comparisons():
     results = analyse(made)
     assert comparison(results, "4 JND").participants == 7
     assert comparison(results, "2 JND").participants == 8
-    assert results.missing == ("Participant 05 has no trial of 4 JND and is left out of comparisons with it.",)
+    assert results.missing == ("Participant 05 has no trial of 4 JND and is omitted from comparisons with it.",)
 
 
 def test_missing_ratings_are_told_and_none_at_all_are_no_gap():

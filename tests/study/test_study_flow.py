@@ -180,7 +180,7 @@ def test_a_device_that_fails_again_and_again_interrupts_the_session():
         person.complete(played(person.flow.activity, delivered=0.5 if vain else 1.0))
         if not person.flow.done and person.flow.screen.kind is ScreenKind.REPEAT:
             person.press(screens.ENTER)
-    assert person.flow.failure.startswith(f"trial {index} was begun 3 times in vain")
+    assert person.flow.failure.startswith(f"trial {index} failed 3 times")
     again = ordering(person.flow.rows, plan=NO_PRACTICE).go_on_to(ScreenKind.DONE)
     assert sorted(row.this_n for row in again.rows("trial")) == list(range(6))
 
@@ -347,7 +347,7 @@ def test_a_device_that_misses_every_pair_interrupts_the_measurement():
         person.complete(presented(person.flow.activity, error_n=0.4))
         if not person.flow.done:
             person.press(screens.ENTER)
-    assert person.flow.failure.startswith("pair 0 was begun 5 times in vain")
+    assert person.flow.failure.startswith("pair 0 failed 5 times")
 
 
 @pytest.mark.parametrize("method", ["up-down", "bayesian"])

@@ -95,4 +95,4 @@ def test_the_report_says_what_1_jnd_was_for_each_participant():
     text = markdown(analyse(made), title="x")
     assert "| 01 | 0.05 | 0.025 | the plan: no JND was measured |" in text
     assert "| 02 | 0.025 | 0.025 | participants/02.toml, measured |" in text
-    assert "**1 JND is not the same for all**: Weber fractions from 0.025 to 0.05" in text
+    assert "**1 JND differs between participants**: Weber fractions from 0.025 to 0.05" in text

@@ -176,14 +176,14 @@ def test_a_session_at_the_terminal_with_an_escape_a_device_unplugged_and_a_slave
 
 def test_ctrl_c_ends_a_session_at_once_and_another_process_goes_on_with_it(laboratory):
     with Terminal(*ORDER, cwd=laboratory) as terminal:
-        terminal.expect("the consent is the one that is shipped")
+        terminal.expect("the consent is hapticnet's default")
         begin(terminal)
         terminal.expect("Feel the three tissues")
         terminal.type("1" + INTERRUPT)
         code, shown = terminal.end()
     assert code == 130
     assert "Traceback" not in shown
-    assert "go on with --resume" in shown
+    assert "continue with --resume" in shown
     begun = ["begin", "consent", "meet", "started"]
     assert [row.event for row in rows_of(laboratory)] == begun
     with Terminal(*ORDER, "--resume", cwd=laboratory) as terminal:
@@ -192,7 +192,7 @@ def test_ctrl_c_ends_a_session_at_once_and_another_process_goes_on_with_it(labor
         terminal.type(ESCAPE)
         code, shown = terminal.end()
     assert code == UnavailableError.exit_code
-    assert "the participant ended the session; everything answered is stored, go on with --resume" in shown
+    assert "the participant ended the session; every answer is stored, continue with --resume" in shown
     assert [row.event for row in rows_of(laboratory)] == [*begun, "aborted", "begin", "stopped"]
 
 

@@ -110,7 +110,7 @@ WRONG = {
     '[[condition]]\nname = "a"\ncodec = "deadbnd"': "condition 'a': unknown codec 'deadbnd'",
     '[condition]\nname = "a"': "write [[condition]]",
     '[[condition]]\nname = "a"\n[[condition]]\nname = "a"': "two conditions have the same name",
-    "[limits]\nreferences_n = [3.4]": "the largest comparison is 4.76 N; the device ends at 4.6 N",
+    "[limits]\nreferences_n = [3.4]": "the largest comparison is 4.76 N; the device reaches only 4.6 N",
     "[limits]\nstep = 0.5": "leave no room below largest",
     '[limits]\nmethod = "descending"': "'ascending', 'up-down' or 'bayesian'",
     "[order": "not a TOML file",

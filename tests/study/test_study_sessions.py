@@ -72,8 +72,8 @@ def test_a_study_of_simulated_observers_ends_with_report_and_figures_and_is_not_
             assert min(shares) > 0.8
 
     refused = {
-        words: "go on with it by --resume, or choose another --session",
-        ("--participant", "03", "--simulate", "literature"): "is another plan than the one given",
+        words: "continue it with --resume, or choose another --session",
+        ("--participant", "03", "--simulate", "literature"): "differs from the given plan",
         ("--participant", "03", "--wall-clock"): "--wall-clock is for simulated observers",
         ("--participant", "03-04",): "several at once are for --simulate",
         ("--participant", "03", "--plan", "plan.toml", "--device", "none"): "unknown device 'none'",
@@ -153,10 +153,10 @@ def test_a_killed_session_goes_on_and_asks_what_it_would_have_asked(folder):
     assert without_date(table) == without_date(folder / TABLE.format("01").replace("study", "whole", 1))
 
     refused = {
-        ("order", "--participant", "02"): "does not exist, so there is nothing to go on with; check --participant",
-        ("limits", "--participant", "01"): "does not exist, so there is nothing to go on with",
+        ("order", "--participant", "02"): "does not exist, so there is nothing to continue; check --participant",
+        ("limits", "--participant", "01"): "does not exist, so there is nothing to continue",
         ("order", "--participant", "01", "--device", "sim:2.0"): "was begun with the device sim, not sim:2.0",
-        ("order", "--participant", "01", "--seed", "5"): "would come out differently now",
+        ("order", "--participant", "01", "--seed", "5"): "would differ now",
     }
     lines = table.read_text().splitlines(keepends=True)
     table.write_text("".join(lines[: len(lines) // 2]))

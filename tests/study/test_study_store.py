@@ -79,7 +79,7 @@ def test_a_session_is_begun_once_keeps_its_schedule_and_is_not_shared(tmp_path):
         with pytest.raises(SettingsError, match="another process runs this session"):
             open_and_close(tmp_path)
     before = (tmp_path / NAME).read_bytes()
-    with pytest.raises(SettingsError, match="go on with it by --resume"), open_table(tmp_path, resume=False):
+    with pytest.raises(SettingsError, match="continue it with --resume"), open_table(tmp_path, resume=False):
         pass
     with opened(tmp_path / NAME, OrderRow, "another", resume=True):  # the lock goes with the session
         pass
@@ -103,7 +103,7 @@ def test_a_full_disk_leaves_the_table_as_it_was_and_says_so_in_one_line(tmp_path
                 patch.setattr(os, fails, full)
             with pytest.raises(FileError) as error:
                 store.append(replace(ROW, this_n=5))
-        assert "No space left on device; everything before it is safe, go on with --resume" in str(error.value)
+        assert "No space left on device; everything before it is safe, continue with --resume" in str(error.value)
         assert (tmp_path / NAME).read_bytes() == before
         store.append(replace(ROW, this_n=5))
     assert [row.this_n for row in read_table(tmp_path / NAME, OrderRow)] == [4, 5]
@@ -181,7 +181,7 @@ def test_a_session_of_a_person_does_not_go_on_with_an_observer(tmp_path):
     with open_session(settings, 0) as (flow, store):
         store.append(flow.take_rows()[0])
     with (
-        pytest.raises(SettingsError, match="was begun by a person; it can only"),
+        pytest.raises(SettingsError, match="was begun by a person and can only"),
         open_session(replace(settings, observer="literature", resume=True), 0),
     ):
         pass

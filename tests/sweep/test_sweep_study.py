@@ -52,7 +52,7 @@ HEAD = 'name = "x"\ntask = "felt"\n'
         (HEAD + "[axes]\nhand = 'scripted:insertions=two'", "insertions is 'two'; it must be a whole number"),
         (HEAD + "[axes]\nscene = 'phantom'\nhand = 'scripted'", "scene 'phantom': 3; use palpation"),
         (HEAD + "[axes]\nrecording = 'none.csv'", "none.csv: No such file"),
-        (HEAD + "[axes]\nrecording = 'none.csv'\nscene = 'paper'", "recording takes the place of scene"),
+        (HEAD + "[axes]\nrecording = 'none.csv'\nscene = 'paper'", "recording replaces scene"),
         (HEAD + "[reading]\ncolumn = '2'", "axes.recording names none"),
         (HEAD + "[axes.parameters]\nalpha = 0.5", "no codec here has a parameter 'alpha'"),
         (HEAD + "[axes]\nobserver = 'literature'", "unknown key 'axes.observer'|unknown key 'observer'"),

@@ -41,7 +41,7 @@ class Stack:
 
     @property
     def missing(self) -> str | None:
-        """What it needs and this machine has not; None if it can run."""
+        """The requirement that this machine lacks; None if the stack can run."""
         if self.package is not None and find_spec(self.package.partition(".")[0]) is None:
             return f"the package {self.package}"
         if self.program is not None and which(self.program) is None:

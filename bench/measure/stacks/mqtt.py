@@ -38,7 +38,7 @@ async def joined(host: str, topic: str, take: Callable[[paho.Client, bytes], Non
 
     def receive() -> None:
         client.loop_read()
-        while client.want_write():  # what was published in a callback waits for this
+        while client.want_write():  # messages published in a callback wait for this
             client.loop_write()
 
     async def keep() -> None:

@@ -1,4 +1,4 @@
-"""Zenoh: two peers without a router and without scouting; express, real-time priority, nothing waits."""
+"""Zenoh: two peers without a router and without scouting; express, real-time priority, non-blocking."""
 
 import asyncio
 import json

@@ -9,7 +9,7 @@ from stacks import PORT, Answer, Deliver, Ready, Send
 
 
 def watch(sock: "zmq.Socket[bytes]", take: Callable[[list[bytes]], None]) -> Callable[[], None]:
-    """Call `take` with what arrives; call the function returned after each send, as the descriptor signals edges."""
+    """Call `take` with each message; call the returned function after each send: the descriptor signals edges."""
 
     def drain() -> None:
         while True:

@@ -28,7 +28,7 @@ def calibrate(
         Path | None, typer.Option(metavar="FILE", help="Profile to update; its serial and finger are kept.")
     ] = None,
     out: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="Profile to write. Default: that of --profile, or device.toml.")
+        Path | None, typer.Option(metavar="FILE", help="Profile to write. Default: the --profile, or device.toml.")
     ] = None,
     json: options.Json = False,
 ) -> None:

@@ -1,4 +1,4 @@
-"""``hapticnet device tune`` and ``step``: press a finger, to measure it, and to measure the force loop."""
+"""``hapticnet device tune`` and ``step``: press a finger to measure it and the force loop."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, TypeVar
@@ -23,7 +23,7 @@ def tune(
     device: options.DeviceArgument = "sim",
     profile: options.Profile = None,
     out: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="Profile to write. Default: that of --profile, or none.")
+        Path | None, typer.Option(metavar="FILE", help="Profile to write. Default: the --profile, or none.")
     ] = None,
     max_force: Annotated[float, typer.Option(metavar="NEWTONS", min=0.0, help="Strongest force used [N].")] = 2.0,
     seed: options.Seed = 0,
@@ -95,8 +95,8 @@ def step(
 ) -> None:
     """Press a finger with one force, step to another, and report rise, overshoot, settling and ripple.
 
-    Simulated devices run in virtual time; simavr runs the compiled firmware. The figures are those of the sensed force,
-    averaged over a control period like the loop's input, and of the true force if it is known.
+    Simulated devices run in virtual time; simavr runs the compiled firmware. The figures describe the sensed force,
+    averaged over a control period like the loop's input, and the true force if it is known.
     """
     from dataclasses import asdict
 
@@ -154,7 +154,7 @@ def step(
 def _drive(
     text: str, known: "Profile", seed: int, prepare: "Callable[[Device], Procedure]"
 ) -> "tuple[Device, Procedure]":
-    """Open the device written as `text`, run the procedure that is prepared for it, and return both, the device closed.
+    """Open the device written as `text`, prepare and run its procedure, close it, and return both.
 
     A simulated device runs in virtual time, any other in real time.
     """

@@ -222,7 +222,7 @@ def run_wired(
 
 
 def profile_to_write(profile: Path | None, out: Path | None) -> Path | None:
-    """Return the file to which a command writes the profile: `out`, else `profile`, else none.
+    """Return the file to which a command writes the profile: `out`, else `profile`, else None.
 
     Raises SettingsError if the file exists and is not `profile`, so that earlier results would be lost; FileError if it
     cannot be written.

@@ -15,7 +15,7 @@ def limits(asked: LimitsOptions) -> None:
 
     The plan chooses the method: ascending limits, or a forced choice of two intervals with a 1-up-2-down or a Bayesian
     staircase. Forces pass the hold and the force loop, as in the ordering task; a pair that the device missed is
-    presented again. Each answer is stored at once; --resume goes on after any interruption.
+    presented again. Each answer is stored at once; --resume continues after any interruption.
     """
     from hapticnet.cli.experiment.conducting import run
 
@@ -25,8 +25,8 @@ def limits(asked: LimitsOptions) -> None:
 def order(asked: OrderOptions) -> None:
     """Let a participant order three tissues by stiffness, under each condition of the plan.
 
-    Trials come in balanced orders that are drawn first and stored. Each answer is stored at once; --resume goes on
-    after any interruption. Nothing that the participant sees tells the condition. With simulated observers, report and
+    Trials come in balanced orders that are drawn first and stored. Each answer is stored at once; --resume continues
+    after any interruption. The participant's screen never reveals the condition. With simulated observers, report and
     figures follow, as by 'hapticnet experiment analyse'; on two cores, eight participants take about two minutes.
     """
     from hapticnet.cli.experiment.conducting import run

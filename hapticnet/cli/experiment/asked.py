@@ -41,10 +41,10 @@ class LimitsOptions:
         typer.Option(metavar="OBSERVER", help="A simulated observer in the participant's place, such as literature."),
     ] = None
     wall_clock: Annotated[
-        bool, typer.Option(help="Run a simulated observer in real time, as a person is, not in virtual time.")
+        bool, typer.Option(help="Run a simulated observer in real time, like a person, not in virtual time.")
     ] = False
     jobs: options.Jobs = None
-    resume: Annotated[bool, typer.Option(help="Go on with an interrupted session.")] = False
+    resume: Annotated[bool, typer.Option(help="Continue an interrupted session.")] = False
     dry_run: Annotated[bool, typer.Option(help="Print the schedule (with --json all of it); do nothing else.")] = False
     json: options.Json = False
     quiet: options.Quiet = False
@@ -66,7 +66,7 @@ class OrderOptions(LimitsOptions):
         str | None,
         typer.Option(
             metavar="HOST:PORT",
-            help="A slave started with --scene hapticnet.study.scene:NamedTissues; else one is started here.",
+            help="A slave started with --scene hapticnet.study.scene:NamedTissues; otherwise one is started here.",
         ),
     ] = None
     key: options.Key = None

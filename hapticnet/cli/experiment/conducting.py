@@ -70,7 +70,7 @@ OnTrial: TypeAlias = Callable[[], None]  # called when a trial was answered
 
 
 def run(asked: LimitsOptions) -> None:
-    """Conduct the sessions that are asked for, and print what came of them."""
+    """Conduct the requested sessions, and print their outcome."""
     page_address(asked.page)
     if asked.page is not None and asked.simulate is not None:
         raise SettingsError("--page is for a person; a simulated observer needs none")
@@ -102,7 +102,7 @@ def run(asked: LimitsOptions) -> None:
     keep_plan(plan, asked.out_dir)
     if observer is None and plan.consent == ASK and plan.texts.consent == english().consent:
         console.say(
-            "the consent is the one that is shipped, which names neither the study nor whom to ask: adapt it with"
+            "the consent is hapticnet's default, which names neither the study nor a contact: adapt it with"
             " 'hapticnet experiment texts' and texts = in the plan"
         )
     for law, people in laws.items():
@@ -130,7 +130,7 @@ def run(asked: LimitsOptions) -> None:
 
 def _sessions(asked: LimitsOptions, plan: Plan, observer: ObserverSettings | None) -> list[SessionSettings]:
     if asked.wall_clock and observer is None:
-        raise SettingsError("--wall-clock is for simulated observers; a person is always in real time")
+        raise SettingsError("--wall-clock is for simulated observers; a session with a person always runs in real time")
     participants = _participants(asked.participant)
     if len(participants) > 1 and (observer is None or asked.wall_clock):
         raise SettingsError(f"participants {asked.participant}: several at once are for --simulate in virtual time")
@@ -150,7 +150,7 @@ def _sessions(asked: LimitsOptions, plan: Plan, observer: ObserverSettings | Non
         )
         for participant in participants
     ]
-    if any(each.table.exists() for each in sessions):  # of several simulated participants, the last may not have begun
+    if any(each.table.exists() for each in sessions):  # the last of several simulated participants may not have begun
         sessions = [replace(each, resume=each.resume and each.table.exists()) for each in sessions]
     return sessions
 
@@ -252,14 +252,14 @@ def _conduct_in_real_time(
         try:
             run_loop(session())
         except (KeyboardInterrupt, asyncio.CancelledError) as error:
-            complain("interrupted; everything answered is stored, go on with --resume")
+            complain("interrupted; every answer is stored, continue with --resume")
             raise KeyboardInterrupt from error
         return account_of(settings, flow)
 
 
 @contextmanager
 def _socket_of_page(page: str | None, console: Console) -> "Iterator[tuple[socket.socket, Access] | None]":
-    """Yield where the participant's page will be served, opened early so that a wrong address is told at once."""
+    """Yield where the participant's page will be served, opened early so that a wrong address is reported at once."""
     if page is None:
         yield None
         return
@@ -284,7 +284,7 @@ def _fingertip(settings: SessionSettings, known: Profile) -> Iterator[tuple[Fing
 
 @contextmanager
 def _slave(asked: LimitsOptions) -> Iterator[tuple[HostPort | None, MasterSettings]]:
-    """Yield the address of the slave and the settings of masters; start a slave if one is needed and none is named."""
+    """Yield the address of the slave and the settings of masters; start a slave if needed and not named."""
     if not isinstance(asked, OrderOptions):
         yield None, MasterSettings()
     elif asked.connect is not None:

@@ -69,7 +69,7 @@ def write_results(folder: Path, target: Path, *, seed: int, plots: bool, say: Ca
         account = {"provenance": provenance(), "jnds": [each.model_dump() for each in people]}
         check_outputs(target / "report.md", target / "results.json")
     else:
-        margin, stated = MARGIN, "a default, since there is no plan"
+        margin, stated = MARGIN, "the default, because there is no plan"
         if (folder / PLAN_FILE).exists():
             margin, stated = find_plan(str(folder / PLAN_FILE)).order.equivalence_margin, "stated in the plan"
         results = analyse_rows(rows, margin=margin, seed=seed)
@@ -172,8 +172,8 @@ def _paper_shares(plan: "Plan") -> str:
             example = ",".join(["0.775", *["0.675"] * (len(plan.condition) - 1)])
             names = ", ".join(condition.name for condition in plan.condition)
             raise SettingsError(
-                f"condition {each.name!r} is none of the paper's, so nothing is known of its share of correct orders:"
-                f" say what you expect of {names}, such as --shares {example}"
+                f"condition {each.name!r} is not in the paper, so its share of correct orders is unknown:"
+                f" state what you expect for {names}, such as --shares {example}"
             )
     return ",".join(f"{known[each.codec, each.threshold].paper_correct:g}" for each in plan.condition)
 
@@ -194,7 +194,7 @@ def export(
     title: Annotated[str | None, typer.Option(help="Title of the data set; default: the folder's.")] = None,
     authors: Annotated[str, typer.Option(metavar="NAME[;NAME…]", help="Authors of the data set.")] = "",
 ) -> None:
-    """Copy the data of a study in a standard form; no value changes, and the folder itself is left alone."""
+    """Copy the data of a study in a standard form; values and the folder itself stay unchanged."""
     from hapticnet.cli.console import Console
     from hapticnet.study.export import export as write
 
@@ -205,7 +205,7 @@ def export(
 def texts() -> None:
     """Print what participants read, consent and instructions included, as a file to change or translate.
 
-    Name the changed file in the plan, by texts = "my-texts.toml".
+    Name the changed file in the plan: texts = "my-texts.toml".
     """
     from hapticnet.study.screens import shipped
 

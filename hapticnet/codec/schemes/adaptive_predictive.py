@@ -60,7 +60,7 @@ LARGEST_TRAVEL: Final = 1024.0
 
 
 class CurveNumbers(LawNumbers, Protocol):
-    """The numbers of a rule that curves depend on."""
+    """Numbers of a rule that affect curves."""
 
     @property
     def horizon_us(self) -> float:
@@ -76,7 +76,7 @@ class Curve(NamedTuple):
 
 
 class CurveMessage(NamedTuple):
-    """A curve as it is transmitted; `form` is that of the value, the travel is in thresholds around it."""
+    """A transmitted curve; `form` is the form of its value, the travel is in thresholds around it."""
 
     form: int
     value: Vector
@@ -84,7 +84,7 @@ class CurveMessage(NamedTuple):
 
 
 def share_at(rule: CurveNumbers, begun_us: int, t_us: int) -> float:
-    """Return the share of its travel that a curve which began at `begun_us` has completed at a time, 0 to 1."""
+    """Return the completed share (0 to 1), at a time, of the travel of a curve that began at `begun_us`."""
     s = (t_us - begun_us) / rule.horizon_us
     if s >= 1.0:
         return 1.0
@@ -115,7 +115,7 @@ def _half(travel: float, threshold: float) -> float:
 
 
 def ends_in_range(value: Vector, thresholds: Vector, threshold: float) -> bool:
-    """Tell whether a curve ends in range."""
+    """Return whether a curve ends in range."""
     return in_range(plus(value, times(thresholds, threshold)))
 
 
@@ -162,7 +162,7 @@ LARGEST_OFFSET: Final = 0.9
 """Largest distance from the stimulus to the start of a curve, as a share of the threshold. The rest is for rounding."""
 
 BAND: Final = 2.0
-"""A sample further than this from the line through the newer ones, in thresholds, was taken before an impact."""
+"""A sample further than this from the line through the newer ones, in thresholds, is from before an impact."""
 
 SMALLEST_JUMP: Final = 0.1
 """Smallest bound on jumps, in thresholds. With a smaller one, most updates would start at the edge of the threshold."""
@@ -180,7 +180,7 @@ class CurveRule(NamedTuple):
 
 
 class Sender(NamedTuple):
-    """What the receiver follows, and what the sender has learned."""
+    """The receiver's curve, and the sender's knowledge."""
 
     is_known: bool  # whether the receiver is known to follow the curve; False after a loss
     curve: Curve
@@ -191,7 +191,7 @@ class Sender(NamedTuple):
 
 
 def start(rule: Any, axes: int) -> Sender:
-    """Return a sender that has learned nothing."""
+    """Return a sender that has learned nothing yet."""
     zeros = (0.0,) * axes
     return Sender(False, start_curve(rule, axes), zeros, Trend(zeros, zeros, zeros), NOTHING_LEARNED)
 
@@ -202,7 +202,7 @@ def start_curve(rule: Any, axes: int) -> Curve:
 
 
 def is_silent(rule: CurveRule, sender: Sender, t_us: int, x: Vector) -> bool:
-    """Tell whether a stimulus is within the threshold around the curve."""
+    """Return whether a stimulus is within the threshold around the curve."""
     return sender.is_known and is_within(rule, x, curve_at(rule, sender.curve, t_us))
 
 
@@ -236,12 +236,12 @@ def send(rule: CurveRule, sender: Sender, t_us: int, x: Vector, past: Past) -> t
 
 
 def refreshed(sender: Sender) -> Sender:
-    """Return a receiver that is not known to follow the curve."""
+    """Mark the receiver's state as unknown."""
     return sender._replace(is_known=False)
 
 
 def mirror(sender: Sender) -> Curve:
-    """Return what the receiver follows."""
+    """Return the curve that the receiver follows."""
     return sender.curve
 
 
@@ -256,7 +256,7 @@ class AdaptivePredictive(Scheme):
 
     Rule: both sides apply ``p = value + travel · s · (2 - s)``, ``s = min((t - t_sent) / horizon, 1)``. Send when ``|x
     - p| > threshold(|p|)``, strictly. A curve has ``travel = horizon / 2 · (c1 · short slope + c2 · long slope)`` and
-    ``value = x + c3 · level``. Slopes and level are those of the newest samples, the c are learned by least squares
+    ``value = x + c3 · level``. Slopes and level come from the newest samples, the c are learned by least squares
     (both in `schemes.trend`). Where both slopes agree, a curve leads them by at most 0.3 thresholds.
 
     Without loss the applied stimulus is within the threshold of the true one at every sample, whatever the input. After
@@ -267,7 +267,7 @@ class AdaptivePredictive(Scheme):
     horizon_ms
         Time in which the slope falls to zero [ms]: 1 to 10 000.
     window_ms
-        Window of the long slope [ms]: 1 to 1000, lengthened to three sampling periods if need be. The window of the
+        Window of the long slope [ms]: 1 to 1000, lengthened to three sampling periods if necessary. The window of the
         short slope is 0.3 of it.
     jump_thresholds
         Largest jump of the applied stimulus at an update, in thresholds: 0.1 to 10. A larger one is made only if the
@@ -302,7 +302,7 @@ class AdaptivePredictive(Scheme):
         check_step(self.step_n)
 
     def rule(self: Any, axes: int, table: MakeTable) -> CurveRule:  # noqa: ARG002
-        """Return law, step of counts, and what curves depend on."""
+        """Return law, step of counts, and the numbers of the curves."""
         horizon_us, window_us = self.horizon_ms * 1e3, self.window_ms * 1e3
         return CurveRule(*law_numbers(self.law), self.step_n, horizon_us, window_us, self.jump_thresholds)
 
@@ -311,5 +311,5 @@ class AdaptivePredictive(Scheme):
         return CurveForm(axes, self.law, step_n=self.step_n)
 
     def past_samples(self: Any) -> int:
-        """Return the length of the past that trends are taken from."""
+        """Return the number of past samples that trends use."""
         return MOST_SAMPLES

@@ -12,13 +12,13 @@ LEAST_PERIODS: Final = 3  # shortest window in sampling periods
 
 PRIOR_SQUARE_M2: Final = 1e-9
 """Weight of the learned stiffness in the local one, as a sum of squared movements [m²]: 15 samples of 8 µm. A tool that
-hardly moves says little of the stiffness, and a slope of noise over noise would be applied when it moves on."""
+hardly moves says little about the stiffness, and a slope of noise over noise would be applied at its next move."""
 
 APART_US: Final = 30_000
-"""Distance of the samples whose differences the learned stiffness is regressed on [µs]: long enough that the hand has
+"""Distance of the samples for the differences in the regression of stiffness [µs]: long enough that the hand has
 moved further than the noise of its positions."""
 
-MEMORY_US: Final = 3e6  # time constant of the forgetting of such differences [µs]: a few movements of a hand
+MEMORY_US: Final = 3e6  # time constant for forgetting such differences [µs]: a few movements of a hand
 
 RIDGE_STIFFNESS: Final = 3e-10
 RIDGE_VISCOSITY: Final = 1.3e-9
@@ -33,7 +33,7 @@ SMALLEST_THRESHOLD_N: Final = 1e-100
 
 
 class Coupling(NamedTuple):
-    """Recursive least squares with forgetting: how far changes of a force follow those of position and velocity."""
+    """Recursive least squares with forgetting: how changes of force depend on changes of position and velocity."""
 
     # The sample to which the next difference is taken
     has_anchor: bool
@@ -50,13 +50,13 @@ class Coupling(NamedTuple):
 
 
 def no_coupling(axes: int) -> Coupling:
-    """Return what is known before the first sample."""
+    """Return the state before the first sample."""
     zeros = (0.0,) * axes
     return Coupling(False, 0, zeros, zeros, zeros, (0.0, 0.0, 0.0), (0.0, 0.0), 0.0, 0.0)
 
 
 def is_due(coupling: Coupling, motion: Motion, t_us: int) -> bool:
-    """Tell whether a sample is to be observed: one every `APART_US`, if its position is known."""
+    """Return whether to observe a sample: one every `APART_US`, if its position is known."""
     _, samples, _, _, _ = motion
     return samples > 0 and not (coupling.has_anchor and 0 <= t_us - coupling.t_us < APART_US)
 
@@ -117,7 +117,7 @@ def local_stiffness(
 
     It is the slope, along the normal, of a line through the newest sample, fitted to those of the last `LOCAL_US`. A
     sample without force, or further than `band_n` from the line so far, ends the window, because there was an impact.
-    Where there was hardly any movement, it is the learned one. Stiffness 0 if there is no force. `like` is any vector
+    After hardly any movement, it is the learned stiffness. Stiffness 0 if there is no force. `like` is any vector
     with as many axes.
     """
     x, at = row(samples, newest, like), row(positions, newest, like)
@@ -129,7 +129,7 @@ def local_stiffness(
     for k in range(newest - 1, first - 1, -1):
         if times_us[newest] - times_us[k] > LOCAL_US and newest - k > LEAST_PERIODS:
             break
-        if len(like) == 1:  # as below without seven calls, because this runs for many samples
+        if len(like) == 1:  # inlined from below, because this runs for many samples
             force = samples[k][0]
             if force == 0.0:
                 break

@@ -17,11 +17,11 @@ from hapticnet.vectors import distance
 EMPTY: Final = -1.0  # threshold of a dead zone that contains no stimulus, so that the next one is sent
 
 MARGIN: Final = 2.0**-50
-"""How much narrower `silent_interval` is than its dead zone, as a share of both: more than rounding can amount to."""
+"""How much narrower `silent_interval` is than its dead zone, as a share of both: more than any rounding error."""
 
 
 class DeadZone(NamedTuple):
-    """State of the sender: what the receiver holds, and how far from it a stimulus is not sent [N]."""
+    """State of the sender: the held stimulus, and the distance [N] from it within which no stimulus is sent."""
 
     reference: Vector
     threshold: float
@@ -33,7 +33,7 @@ def empty_zone(rule: Any, axes: int) -> DeadZone:
 
 
 def is_silent(rule: Any, zone: DeadZone, t_us: int, x: Vector) -> bool:
-    """Tell whether a stimulus is inside the dead zone."""
+    """Return whether a stimulus is inside the dead zone."""
     return distance(x, zone.reference) <= zone.threshold
 
 
@@ -44,7 +44,7 @@ def send(rule: ValueNumbers, zone: DeadZone, t_us: int, x: Vector, past: Any) ->
 
 
 def mirror(zone: DeadZone) -> Vector:
-    """Return what the receiver holds."""
+    """Return the stimulus that the receiver holds."""
     return zone.reference
 
 
@@ -56,7 +56,7 @@ def silent_interval(rule: Any, zone: DeadZone) -> tuple[float, float]:
 
 
 def emptied(zone: DeadZone) -> DeadZone:
-    """Return the dead zone such that it contains no stimulus."""
+    """Return a dead zone that contains no stimulus."""
     return zone._replace(threshold=EMPTY)
 
 
@@ -73,10 +73,10 @@ class ValueScheme(Scheme):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Deadband(ValueScheme):
-    """Transmit a stimulus only when it can be told apart from the one being held.
+    """Transmit a stimulus only when it can be distinguished from the held one.
 
     Rule: send when ``|x - ref| > multiplier · max(weber_fraction · |ref|, floor_n)``, strictly, with `ref` the last
-    transmitted stimulus as it was rounded for the wire. The first stimulus is always sent.
+    transmitted stimulus, rounded for the wire. The first stimulus is always sent.
     Payload: float32 an axis, or float64 where rounding to float32 would move the stimulus by more than the
     threshold, so that the held stimulus is within the threshold of the true one at every sample, whatever the input.
 

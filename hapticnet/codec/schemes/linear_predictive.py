@@ -34,7 +34,7 @@ from hapticnet.vectors import along, distance, largest_component, limited, singl
 
 
 class LineNumbers(ValueNumbers, Protocol):
-    """The numbers of a rule that lines depend on."""
+    """Numbers of a rule that affect lines."""
 
     @property
     def horizon_us(self) -> float:
@@ -56,7 +56,7 @@ class Line(NamedTuple):
 
 
 class LineMessage(NamedTuple):
-    """A line as it is transmitted; `form` is that of the value, the slope is in N/s."""
+    """A transmitted line; `form` is the form of its value, the slope is in N/s."""
 
     form: int
     value: Vector
@@ -80,7 +80,7 @@ def line_at(rule: LineNumbers, line: Line, t_us: int) -> Vector:
 
 
 def rounded_line(rule: LineNumbers, x: Vector, slope: Vector) -> LineMessage:
-    """Return the message of a stimulus and the slope [N/s] from there on."""
+    """Return the message of a stimulus and the slope [N/s] after it."""
     form, value, _ = rounded(rule, x)
     if form == COUNT_BYTES:
         return LineMessage(form, value, counted_slope(slope, rule.slope_step))
@@ -174,17 +174,17 @@ def start_line(rule: Any, axes: int) -> Line:
 
 
 def is_silent(rule: LineRule, sender: Sender, t_us: int, x: Vector) -> bool:
-    """Tell whether a stimulus is within the threshold around the line."""
+    """Return whether a stimulus is within the threshold around the line."""
     return sender.is_known and is_within(rule, x, line_at(rule, sender.line, t_us))
 
 
 def ends_past(rule: LineRule, sender: Sender, t_us: int, x: Vector) -> bool:
-    """Tell whether there is an impact, after which a slope must not use the samples before it."""
+    """Return whether there is an impact; a slope must not use samples from before it."""
     return sender.is_known and is_impact(rule, x, line_at(rule, sender.line, t_us))
 
 
 def is_impact(rule: LawNumbers, x: Vector, predicted: Vector) -> bool:
-    """Tell whether a stimulus is far from the predicted one."""
+    """Return whether a stimulus is far from the predicted one."""
     return distance(x, predicted) > IMPACT_THRESHOLDS * threshold_around(rule, predicted)
 
 
@@ -196,7 +196,7 @@ def send(rule: LineRule, sender: Sender, t_us: int, x: Vector, past: Past) -> tu
 
 
 def refreshed(sender: Sender) -> Sender:
-    """Return a sender whose receiver is not known to follow the line."""
+    """Mark the receiver's state as unknown."""
     return sender._replace(is_known=False)
 
 
@@ -252,7 +252,7 @@ class LinearPredictive(Scheme):
     """Transmit value and slope when the stimulus leaves the line that was transmitted last.
 
     Rule: both sides predict ``p = value + slope · min(t - t_sent, horizon)``; send when ``|x - p| > threshold(|p|)``,
-    strictly. `slope` is that of the least-squares line through the newest samples, without those before an impact.
+    strictly. `slope` is the slope of the least-squares line through the newest samples, without those before an impact.
 
     Without loss the applied stimulus is within the threshold of the true one at every sample, whatever the input.
     Between two samples, or while an update is late, it overshoots by ``|slope| · time`` more, until the horizon.
@@ -292,7 +292,7 @@ class LinearPredictive(Scheme):
         check_step(self.step_n)
 
     def rule(self: Any, axes: int, table: MakeTable) -> LineRule:  # noqa: ARG002
-        """Return law, step of counts, and what lines depend on."""
+        """Return law, step of counts, and the numbers of the lines."""
         horizon_us, slope_step = self.horizon_ms * 1e3, slope_count(self.step_n, self.horizon_ms)
         return LineRule(*law_numbers(self.law), self.step_n, horizon_us, slope_step, int(self.slope_samples))
 

@@ -1,7 +1,7 @@
 """The motion of the tool, and stimuli as functions of time and of that motion, with their payloads.
 
 Offsets, normals, stiffness and viscosity are absolute: they do not name the position for which they were computed. A
-receiver whose position differs from the one that the sender knew therefore applies what holds at its own.
+receiver whose position differs from the one that the sender knew therefore applies the force for its own position.
 """
 
 import struct
@@ -18,7 +18,7 @@ from hapticnet.vectors import along, dot, in_range, limited, minus, over, plus, 
 Motion: TypeAlias = tuple[bool, int, int, Vector, Vector]
 """``(is_known, samples, t_us, position, velocity)`` of the tool.
 
-`samples` is the number of positions in a row up to the present sample, and the others are those of the newest position
+`samples` is the number of positions in a row up to the present sample, and the rest belongs to the newest position
 [µs, m, m/s], if there has been one. A plain tuple, because a named tuple takes ten times as long to make.
 """
 
@@ -42,7 +42,7 @@ def moved_on(motion: Motion, t_us: int, position: Vector, lag_s: float) -> Motio
     if t_us == before_us:
         return motion
     elapsed_s = (t_us - before_us) * 1e-6
-    if len(position) == 1:  # as below without three calls, because this runs at every sample
+    if len(position) == 1:  # inlined from below, because this runs at every sample
         velocity = ((position[0] - before[0] + lag_s * velocity[0]) / (lag_s + elapsed_s),)
     else:
         velocity = over(along(minus(position, before), lag_s, velocity), lag_s + elapsed_s)
@@ -50,7 +50,7 @@ def moved_on(motion: Motion, t_us: int, position: Vector, lag_s: float) -> Motio
 
 
 def unseen(motion: Motion) -> Motion:
-    """Return the motion at a sample whose position is not known: as before, because the receiver knows no better."""
+    """Return the motion at a sample whose position is not known: unchanged, as the receiver knows nothing newer."""
     is_known, _, t_us, position, velocity = motion
     return is_known, 0, t_us, position, velocity
 
@@ -67,11 +67,11 @@ COUPLING: Final[Mapping[int, struct.Struct]] = {axes: struct.Struct(f">{axes}fee
 
 LARGEST_STIFFNESS: Final = 60_000.0  # largest stiffness [N/m] that can be negotiated; float16 ends at 65 504
 LARGEST_VISCOSITY: Final = 1000.0  # largest viscosity [N·s/m]: a hand at 1 mm/s would feel 1 N
-ROUNDING: Final = 1.002  # how far rounding to float16 may take a stiffness above its bound
+ROUNDING: Final = 1.002  # factor by which rounding to float16 may raise a stiffness above its bound
 
 
 class MotionNumbers(CurveNumbers, Protocol):
-    """The numbers of a rule that lines depend on."""
+    """Numbers of a rule that affect lines."""
 
     @property
     def stiffest(self) -> float:
@@ -79,7 +79,7 @@ class MotionNumbers(CurveNumbers, Protocol):
 
 
 class Message(NamedTuple):
-    """What is transmitted. Fields that a kind does not have are zero."""
+    """A transmitted message. Unused fields of a kind are zero."""
 
     kind: int  # `HOLD`, `CURVE`, `SURFACE` or `COUPLED`
     is_wide: bool  # whether the value is sent as float64
@@ -92,7 +92,7 @@ class Message(NamedTuple):
 
 
 class Line(NamedTuple):
-    """What the receiver applies after a message: see `line_at`. The travel is in newtons."""
+    """The receiver's prediction after a message: see `line_at`. The travel is in newtons."""
 
     kind: int
     t_us: int
@@ -104,7 +104,7 @@ class Line(NamedTuple):
 
 
 def no_line(axes: int) -> Line:
-    """Return what is applied before the first message: zeros."""
+    """Return the line before the first message: zeros."""
     zeros = (0.0,) * axes
     return Line(UNSENT, 0, zeros, zeros, zeros, 0.0, 0.0)
 
@@ -151,7 +151,7 @@ def line_at(rule: CurveNumbers, line: Line, is_known: bool, position: Vector, ve
 def line_on_one_axis(
     rule: CurveNumbers, line: Line, is_known: bool, position: float, velocity: float, t_us: int
 ) -> float:
-    """Return the same on one axis, without a dozen calls, because this runs several times at every sample."""
+    """Return the same on one axis; inlined, because this runs several times at every sample."""
     kind, x = line.kind, line.offset[0]
     if kind == HOLD:
         return x
@@ -177,7 +177,7 @@ def line_on_one_axis(
 
 
 def pressed(line: Line, position: Vector) -> Vector:
-    """Return what a position adds to the offset of a surface [N]."""
+    """Return the force [N] that a position adds to the offset of a surface."""
     depth = dot(line.normal, position)
     if len(position) == 1 or line.stiffness == 0.0:
         return times(line.normal, depth)

@@ -4,10 +4,10 @@ Our own codec (docs/build/decisions.md, 0012). In contact, force follows positio
 knows its own position without delay. This is a local contact model, as in model-mediated teleoperation (Hannaford 1989;
 Mitra & Niemeyer 2008), sent under a perceptual deadband.
 
-Four predictors run at the sender, each as if it were a codec of its own: the zero-order hold, the curve of
+Four predictors run at the sender, each like a separate codec: the zero-order hold, the curve of
 `adaptive_predictive`, a surface with the stiffness of the last milliseconds, and a coupling of learned stiffness and
-viscosity with a curve for what they leave. When something must be sent, the predictor that has needed the fewest
-packets of late sends it. So the codec needs about as few packets as the best of the four.
+viscosity with a curve for the rest. When an update is needed, the predictor that has needed the fewest
+packets recently sends it. So the codec needs about as few packets as the best of the four.
 """
 
 from dataclasses import dataclass, field
@@ -58,7 +58,7 @@ FORGETTING: Final = 0.98  # factor on the packets counted so far at each packet 
 
 
 class Predictors(NamedTuple):
-    """The predictors, and what they have learned."""
+    """The predictors and their knowledge."""
 
     # The lines that these two have drawn last
     hold: Line
@@ -66,13 +66,13 @@ class Predictors(NamedTuple):
     curve: Predictor
     coupled: Predictor
     coupling: Coupling
-    packets: tuple[float, float, float, float]  # Packets that surface, coupling, curve and hold have needed of late
+    packets: tuple[float, float, float, float]  # Packets that surface, coupling, curve and hold have needed recently
 
 
 Sender: TypeAlias = tuple[bool, Motion, Line, int, Predictors]
-"""``(is_known, motion, line, newest, predictors)``: what the receiver follows, and the predictors.
+"""``(is_known, motion, line, newest, predictors)``: the receiver's line, and the predictors.
 
-Like `Motion`, it changes at every sample and is a plain tuple therefore.
+Like `Motion`, it changes at every sample, so it is a plain tuple.
 
 is_known
     Whether the receiver is known to follow `line`; False after a loss.
@@ -80,11 +80,11 @@ newest
     Index of the newest sample in the rule's tables.
 """
 
-Receiver: TypeAlias = tuple[Motion, Line]  # ``(motion, line)``: the receiver's own motion, and what it follows
+Receiver: TypeAlias = tuple[Motion, Line]  # ``(motion, line)``: the receiver's own motion, and the line it follows
 
 
 def start(rule: Any, axes: int) -> Sender:
-    """Return a sender that has learned nothing."""
+    """Return a sender that has learned nothing yet."""
     zeros, none = (0.0,) * axes, no_line(axes)
     predictor = Predictor(none, zeros, zeros, zeros, Trend(zeros, zeros, zeros), NOTHING_LEARNED)
     predictors = Predictors(none, none, predictor, predictor, no_coupling(axes), (0.0, 0.0, 0.0, 0.0))
@@ -103,7 +103,7 @@ def watch(rule: Any, sender: Sender, t_us: int, position: Vector) -> Sender:
 
 
 def at_rest(sender: Sender) -> Sender:
-    """Take note that the position of this sample is not known."""
+    """Note that the position of this sample is unknown."""
     is_known, motion, line, newest, predictors = sender
     return is_known, unseen(motion), line, newest, predictors
 
@@ -115,7 +115,7 @@ def move(rule: Any, receiver: Receiver, t_us: int, position: Vector) -> Receiver
 
 
 def learn(rule: MotionRule, sender: Sender, t_us: int, x: Vector) -> Sender:
-    """Let each predictor go on as if it were alone, and count its packets."""
+    """Advance each predictor as if it were alone, and count its packets."""
     is_known, motion, line, newest, predictors = sender
     numbers = rule.numbers
     newest = remember(rule, newest, t_us, x, motion)
@@ -151,7 +151,7 @@ def redraw(
     curves: bool,
     couples: bool,
 ) -> Predictors:
-    """Let the predictors that no longer predict the stimulus go on, and count a packet for each."""
+    """Update the predictors that no longer predict the stimulus, and count a packet for each."""
     hold, surface, curve, coupled, coupling, packets = predictors
     of_surface, of_coupled, of_curve, of_hold = packets
     numbers = rule.numbers
@@ -172,13 +172,13 @@ def redraw(
 
 
 def is_silent(rule: MotionRule, sender: Sender, t_us: int, x: Vector) -> bool:
-    """Tell whether a stimulus is within the threshold around what the receiver applies."""
+    """Return whether a stimulus is within the threshold around the applied one."""
     is_known, motion, line, _, _ = sender
     return is_known and follows(rule.numbers, line, motion, t_us, x)
 
 
 def send(rule: MotionRule, sender: Sender, t_us: int, x: Vector, past: Any) -> tuple[Message, Sender]:
-    """Send what the predictor draws that has needed the fewest packets."""
+    """Send the line of the predictor that has needed the fewest packets."""
     _, motion, _, newest, predictors = sender
     hold, surface, curve, coupled, coupling, packets = predictors
     of_surface, of_coupled, of_curve, of_hold = packets
@@ -194,7 +194,7 @@ def send(rule: MotionRule, sender: Sender, t_us: int, x: Vector, past: Any) -> t
         trend = trend_beside(rule, motion, newest, x, 0.0, 0.0)
         message = drawn_curve(numbers, curve.regression, trend, motion, x, 0.0, 0.0)
     else:
-        # A value that is still good is better than that of a sample which must be sent: an outlier, if there is noise.
+        # A value that is still valid is better than the value that forces the update: with noise, it is an outlier.
         value = hold.offset if follows(numbers, hold, motion, t_us, x) else x
         message = drawn_hold(numbers, motion, value, x)
     packets = FORGETTING * of_surface, FORGETTING * of_coupled, FORGETTING * of_curve, FORGETTING * of_hold
@@ -203,7 +203,7 @@ def send(rule: MotionRule, sender: Sender, t_us: int, x: Vector, past: Any) -> t
 
 
 def refreshed(sender: Sender) -> Sender:
-    """Return a receiver that is not known to follow the line."""
+    """Mark the receiver's state as unknown."""
     _, motion, line, newest, predictors = sender
     return False, motion, line, newest, predictors
 
@@ -230,7 +230,7 @@ def apply(rule: MotionRule, receiver: Receiver, t_us: int) -> Vector:
 class MotionPredictive(Scheme):
     """Transmit how the stimulus follows from time and the receiver's own position, when it leaves the prediction.
 
-    Rule: send when ``|x - p| > threshold(|p|)``, strictly, where p is what the receiver applies at its position and
+    Rule: send when ``|x - p| > threshold(|p|)``, strictly, where the receiver applies p at its position and
     velocity (`schemes.motion`). The sender runs a predictor for each of the four kinds of payload like a separate
     codec, and sends with the one that has needed the fewest packets recently. Without positions, it is the better of
     `adaptive_predictive` and the deadband.
@@ -278,7 +278,7 @@ class MotionPredictive(Scheme):
         check_parameter("stiffest_n_per_m", self.stiffest_n_per_m, 1.0, LARGEST_STIFFNESS)
 
     def rule(self: Any, axes: int, table: MakeTable) -> MotionRule:
-        """Return law, what lines depend on, and room for the newest samples."""
+        """Return law, the numbers of the lines, and room for the newest samples."""
         return MotionRule(
             Numbers(*law_numbers(self.law), self.horizon_ms * 1e3, self.window_ms * 1e3, self.stiffest_n_per_m),
             table(1, KEPT),

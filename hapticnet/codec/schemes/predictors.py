@@ -1,4 +1,4 @@
-"""The predictors of the motion-predictive deadband: what each would transmit, given the newest samples."""
+"""The predictors of the motion-predictive deadband: the message of each, given the newest samples."""
 
 import math
 from typing import Any, Final, NamedTuple
@@ -36,7 +36,7 @@ from hapticnet.rounding import as_half
 from hapticnet.samples import LARGEST_COMPONENT, Vector
 from hapticnet.vectors import along, dot, in_range, limited, minus, moved, put, row, single, times
 
-KEPT: Final = 256  # samples for which there is room. When it is full, the newest `MOST_SAMPLES` move to the front.
+KEPT: Final = 256  # capacity in samples. When it is full, the newest `MOST_SAMPLES` move to the front.
 
 
 class Numbers(NamedTuple):
@@ -61,29 +61,29 @@ class MotionRule(NamedTuple):
     samples: Any
     positions: Any
     velocities: Any
-    # Room for the part of the newest stimuli that stiffness and viscosity do not explain
+    # Room for the part of the newest stimuli not explained by stiffness and viscosity
     residual_times_us: Any
     residuals: Any
 
 
 class Predictor(NamedTuple):
-    """A predictor that draws curves: its line, for what it was drawn, and what it has learned."""
+    """A predictor that draws curves: its line, the sample it was drawn for, and its knowledge."""
 
     line: Line  # The line drawn last
     # Stimulus [N], position [m] and velocity [m/s] for which it was drawn
     sent: Vector
     position: Vector
     velocity: Vector
-    trend: Trend  # The trend at that time, of what the line's stiffness and viscosity do not explain
+    trend: Trend  # The trend, at that time, of the part that the line's stiffness and viscosity do not explain
     regression: Regression  # How much of trends to use
 
 
 def follows(numbers: Numbers, line: Line, motion: Motion, t_us: int, x: Vector) -> bool:
-    """Tell whether a stimulus is within the threshold around a line."""
+    """Return whether a stimulus is within the threshold around a line."""
     if line.kind == UNSENT:
         return False
     is_known, _, _, position, velocity = motion
-    if len(x) == 1:  # as below without two calls, because this runs several times at every sample
+    if len(x) == 1:  # inlined from below, because this runs several times at every sample
         applied = line_on_one_axis(numbers, line, is_known, position[0], velocity[0], t_us)
         width = numbers.weber * abs(applied)
         return abs(x[0] - applied) <= (width if width > numbers.floor else numbers.floor)
@@ -103,7 +103,7 @@ def remember(rule: MotionRule, newest: int, t_us: int, x: Vector, motion: Motion
             put(rule.velocities, k, row(rule.velocities, first + k, x))
         newest = MOST_SAMPLES
     rule.times_us[0][newest] = t_us
-    if len(x) == 1:  # as below without three calls, because this runs at every sample
+    if len(x) == 1:  # inlined from below, because this runs at every sample
         rule.samples[newest][0] = x[0]
         rule.positions[newest][0] = position[0]
         rule.velocities[newest][0] = velocity[0]
@@ -115,7 +115,7 @@ def remember(rule: MotionRule, newest: int, t_us: int, x: Vector, motion: Motion
 
 
 def usable(numbers: Numbers, coupling: Coupling, motion: Motion) -> tuple[float, float]:
-    """Return stiffness and viscosity as they are transmitted; zeros without a position."""
+    """Return stiffness and viscosity as transmitted; zeros without a position."""
     _, samples, _, _, _ = motion
     if samples == 0:
         return 0.0, 0.0
@@ -147,7 +147,7 @@ def redrawn(
 
 
 def trend_beside(rule: MotionRule, motion: Motion, newest: int, x: Vector, stiffness: float, viscosity: float) -> Trend:
-    """Return the trend of the newest stimuli, without what stiffness and viscosity explain."""
+    """Return the trend of the newest stimuli, without the part explained by stiffness and viscosity."""
     numbers = rule.numbers
     half_us, band_n = 0.5 * numbers.horizon_us, BAND * threshold_around(numbers, x)
     if stiffness == 0.0 and viscosity == 0.0:
@@ -161,7 +161,7 @@ def trend_beside(rule: MotionRule, motion: Motion, newest: int, x: Vector, stiff
     for k in range(count):
         index = first + k
         residual_times_us[k] = times_us[index]
-        if len(x) == 1:  # as below without six calls, because this runs for many samples
+        if len(x) == 1:  # inlined from below, because this runs for many samples
             left = samples[index][0] + stiffness * (position[0] - positions[index][0])
             residuals[k][0] = left + viscosity * (velocity[0] - velocities[index][0])
         else:
@@ -172,13 +172,13 @@ def trend_beside(rule: MotionRule, motion: Motion, newest: int, x: Vector, stiff
 
 
 def drawn_hold(numbers: Numbers, motion: Motion, value: Vector, x: Vector) -> Message:
-    """Return a message that holds a value, near a stimulus x."""
+    """Return a zero-order-hold message with a value near a stimulus x."""
     zeros = minus(x, x)
     return checked(numbers, Message(HOLD, False, value, zeros, zeros, 0.0, 0.0), motion, x)
 
 
 def drawn_surface(rule: MotionRule, motion: Motion, newest: int, x: Vector, learned: float) -> Message:
-    """Return the message of a surface as it was touched lately; a hold if there is none."""
+    """Return the message of the recently touched surface; a hold if there is none."""
     numbers = rule.numbers
     _, known, _, position, _ = motion
     first = max(newest + 1 - known, 0)
@@ -231,9 +231,9 @@ def halves(x: Vector) -> Vector:
 
 
 def checked(numbers: Numbers, message: Message, motion: Motion, x: Vector) -> Message:
-    """Return a message as it is rounded for the wire: float32 if the stimulus is then within the threshold.
+    """Return a message rounded for the wire: float32 if the stimulus is then within the threshold.
 
-    If it is not with float64 either, hold the stimulus.
+    If it is outside even with float64, hold the stimulus.
     """
     kind, _, value, travel, normal, stiffness, viscosity = message
     _, _, t_us, _, _ = motion  # any time, because no line depends on the time at its start
@@ -250,7 +250,7 @@ def checked(numbers: Numbers, message: Message, motion: Motion, x: Vector) -> Me
 
 
 def rounded_curve(numbers: Numbers, message: Message) -> Message:
-    """Return a message whose travel is as it is transmitted."""
+    """Return a message with its travel as transmitted."""
     kind, is_wide, value, travel, normal, stiffness, viscosity = message
     if kind != CURVE:
         return message

@@ -37,12 +37,12 @@ def send(rule: ValueRule, sender: None, t_us: int, x: Vector, past: Any) -> tupl
 
 
 def refreshed(sender: None) -> None:
-    """Return the state: the next stimulus is sent anyway."""
+    """Return the state: the next stimulus is always sent."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Raw(Scheme):
-    """Transmit every stimulus; the person's perception plays no part.
+    """Transmit every stimulus; perception does not matter.
 
     Rule: always send. Payload: float32 an axis. The paper's condition "none".
 
@@ -69,7 +69,7 @@ class Raw(Scheme):
         check_step(self.step_n)
 
     def rule(self: Any, axes: int, table: MakeTable) -> ValueRule:  # noqa: ARG002
-        """Return the step of counts; the law plays no part."""
+        """Return the step of counts; the law does not matter."""
         return ValueRule(0.0, 0.0, self.step_n)
 
     def form(self: Any, axes: int) -> ValueForm:

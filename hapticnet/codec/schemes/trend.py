@@ -20,9 +20,9 @@ class Trend(NamedTuple):
 
 
 class Regression(NamedTuple):
-    """Recursive least squares with forgetting: how much of each part of a trend the stimulus has followed.
+    """Recursive least squares with forgetting: how far the stimulus has followed each part of a trend.
 
-    Each curve that ends is an observation: how far the stimulus moved meanwhile. It is regressed on how far the short
+    Each curve that ends is an observation: the movement of the stimulus since. It is regressed on how far the short
     slope, the long slope and the level would each have moved it, in thresholds. The larger these predictions, the less
     weight the observation has.
     """
@@ -35,7 +35,7 @@ class Regression(NamedTuple):
 SHORT: Final = 0.3  # length of the short window as a share of the long one
 
 LEAST_SAMPLES: Final = 2
-"""Samples that a slope needs besides the newest. With fewer, an impact would look like a slope."""
+"""Samples that a slope needs in addition to the newest. With fewer, an impact would look like a slope."""
 
 LEAST_PERIODS: Final = 3.0  # shortest window in sampling periods, so that slow sampling also has `LEAST_SAMPLES` in it
 MOST_SAMPLES: Final = 64  # most samples that a slope is fitted to; bounds the cost of an update
@@ -52,7 +52,7 @@ PRIOR = (0.5, 0.5, 0.0)
 LEAD: Final = 0.55
 """Square root of how far, in thresholds, a curve may lead a stimulus that continues along both slopes.
 
-The slope of a curve falls to zero, so a curve stays near a steady slope longest if it starts steeper and leads at
+The slope of a curve falls to zero, so a curve stays near a steady slope for longest if it starts steeper and leads at
 first. If the coefficients add up to 1 + d, and the travel is T thresholds, the lead is
 ``T·((1 + d)·s·(2 - s) - 2·s)``, at most ``T·d²/(1 + d)``. So d is limited to LEAD/√T.
 """
@@ -124,7 +124,7 @@ def fit(past: Past, axis: int, x: float, window_us: float, band_n: float) -> Tri
     newest_us = times_us[past.newest]
     short_us = SHORT * window_us
     count = 0
-    weights = 1.0  # that of the newest sample, which counts in the fit of the level
+    weights = 1.0  # weight of the newest sample, which counts in the fit of the level
     moment = spread = product = rise = slope = short_spread = short_product = 0.0
     for k in range(past.newest - 1, max(past.newest - MOST_SAMPLES, past.first - 1), -1):
         age_us = newest_us - times_us[k]
@@ -156,7 +156,7 @@ def fit(past: Past, axis: int, x: float, window_us: float, band_n: float) -> Tri
 
 
 def predicted_travel(regression: Regression, trend: Trend, threshold_n: float) -> Vector:
-    """Return how far the slopes are predicted to move the stimulus [N]."""
+    """Return the predicted movement of the stimulus along the slopes [N]."""
     a, b, _ = regression.coefficients
     both = magnitude(plus(trend.short, trend.long))
     if a + b > 1.0 and both > 0.0:
@@ -166,7 +166,7 @@ def predicted_travel(regression: Regression, trend: Trend, threshold_n: float) -
 
 
 def updated(regression: Regression, trend: Trend, moved: Vector, share: float, threshold_n: float) -> Regression:
-    """Return the regression after the stimulus moved by `moved` [N] while its curve made a share of its travel."""
+    """Return the regression after the stimulus moved by `moved` [N] while its curve covered a share of its travel."""
     if not (threshold_n > SMALLEST_THRESHOLD_N and share > 0.0):
         return regression
     scale = 1.0 / threshold_n

@@ -1,4 +1,4 @@
-"""What the writer process does with each frame: recordings as MCAP or CSV, within a limit of disk space."""
+"""Frames carried out by the writer process: recordings as MCAP or CSV, within a limit of disk space."""
 
 import csv
 import io
@@ -48,11 +48,11 @@ class CsvWriter:
 
     @property
     def size(self) -> int:
-        """At most how large the files would be together if they were finished now [B]."""
+        """Upper limit of the total size of the files if finished now [B]."""
         return sum(sink.tell() for sink in self.files) + self._about_bytes + FIXED_BYTES
 
     def bound(self, table: int, rows: int) -> int:
-        """Return at most how many bytes this many more rows take."""
+        """Return the most bytes that this many more rows take."""
         return rows * NUMBER_BYTES * len(self._heading.tables[table].columns)
 
     def rows(self, table: int, rows: FloatArray) -> None:
@@ -77,7 +77,7 @@ class CsvWriter:
         self.flush()
         self._about |= about
         self._write_about()
-        for path in self._paths[1:]:  # of an earlier recording of this name
+        for path in self._paths[1:]:  # left by an earlier recording of this name
             path.unlink(missing_ok=True)
         self._unfinished_about.replace(self._about_path)
         for sink in reversed(self.files):  # the main one last
@@ -90,7 +90,7 @@ class CsvWriter:
     def _write_about(self) -> None:
         text = (json.dumps(self._about, indent=2, default=str) + "\n").encode()
         self._about_bytes = len(text)
-        with written_beside(self._unfinished_about) as file:  # a full disk must not cost the one that is there
+        with written_beside(self._unfinished_about) as file:  # a full disk must not destroy the existing one
             file.write(text)
 
     def _sink(self, index: int) -> Sink:
@@ -127,9 +127,9 @@ def check_mcap() -> None:
 
 
 class Archive:
-    """Carry out frames; the first fault, or the limit, completes everything as it is, as far as the disk permits.
+    """Carry out frames; the first fault, or the limit, completes everything so far, if the disk permits.
 
-    `stop` is called once then: with the reason, and whether it is a fault; `tell` with what else to know.
+    `stop` is called once then: with the reason, and whether it is a fault; `tell` with other messages.
     """
 
     def __init__(self, stop: Callable[[str, bool], None], tell: Callable[[str], None], *, limit_bytes: int) -> None:
@@ -203,7 +203,7 @@ class Archive:
             self.completed += 1
 
     def _fail(self, number: int, error: Exception) -> None:
-        """Leave a recording as it is, and end the others."""
+        """Abandon a recording, and end the others."""
         reason = in_words(error)
         if isinstance(error, OSError):
             reason = f"{error.filename or ''}: {error.strerror}".removeprefix(": ")

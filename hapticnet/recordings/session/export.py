@@ -1,4 +1,4 @@
-"""Recordings turned into other formats."""
+"""Recordings converted to other formats."""
 
 import json
 import struct
@@ -20,8 +20,8 @@ NEEDS_PYARROW: Final = "Parquet files need pyarrow (extra parquet): pip install 
 
 
 def export(session: Session, path: Path) -> None:
-    """Write a recording as its suffix says; FileError if that cannot be, UnavailableError if it needs an extra."""
-    why = {} if session.is_whole else {INCOMPLETE: "the file that it comes from was cut off or damaged"}
+    """Write a recording in its suffix's format; FileError if impossible, UnavailableError if it needs an extra."""
+    why = {} if session.is_whole else {INCOMPLETE: "the source file was cut off or damaged"}
     about: dict[str, Any] = {**session.about, **why}
     known = {**about, "side": session.side, "unix_offset_us": session.unix_offset_us}
     try:
@@ -66,7 +66,7 @@ def _write(session: Session, path: Path, about: dict[str, Any]) -> None:
 
 
 def _write_npz(session: Session, path: Path, known: str) -> None:
-    """Write the main table's columns by their names, those of others as TABLE.COLUMN, and texts of JSON."""
+    """Write the main table's columns by name, other tables' as TABLE.COLUMN, and texts of JSON."""
     arrays: dict[str, Any] = {"about": np.array(known), "events": np.array(json.dumps(session.events))}
     for number, (table, columns) in enumerate(session.tables.items()):
         for name, column in columns.items():

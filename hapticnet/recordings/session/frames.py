@@ -1,4 +1,4 @@
-"""What a process tells the writer of its recordings: msgpack arrays on a pipe, [kind, number of the recording, …]."""
+"""Frames for the writer of recordings: msgpack arrays on a pipe, [kind, number of the recording, …]."""
 
 import enum
 from dataclasses import asdict, dataclass, field
@@ -13,7 +13,7 @@ LARGEST_FRAME: Final = 2**31 - 1
 
 
 class FrameKind(enum.IntEnum):
-    """What a frame holds behind its kind and the number of the recording."""
+    """Contents of a frame after its kind and the number of the recording."""
 
     BEGIN = 1  # the fields of `Heading` as a map
     ROWS = 2  # the number of the table, and rows of float64 in the machine's byte order
@@ -24,13 +24,13 @@ class FrameKind(enum.IntEnum):
 
 @dataclass(frozen=True, slots=True)
 class Heading:
-    """What is known of a recording when it begins."""
+    """Facts of a recording at its start."""
 
     path: Path  # its suffix is the format
     side: str  # master or slave
     tables: tuple[Table, ...]  # the first is the main one: a row for each tick or step
     unix_offset_us: int  # add it to t_us for µs since 1970
-    about: dict[str, Any] = field(default_factory=dict)  # configuration, seed, versions: whatever JSON can hold
+    about: dict[str, Any] = field(default_factory=dict)  # configuration, seed, versions: anything that JSON can hold
 
     @classmethod
     def of(cls, fields: dict[str, Any]) -> "Heading":
@@ -51,11 +51,11 @@ def pack_begin(recording: int, heading: Heading) -> bytes:
 
 
 def pack_rows_header(recording: int, table: int, size: int) -> bytes:
-    """Return what precedes `size` bytes of rows on the pipe."""
+    """Return the header of `size` bytes of rows on the pipe."""
     head = (FrameKind.ROWS, recording, table)
     return b"".join((b"\x94", *map(msgpack.packb, head), b"\xc6", size.to_bytes(4, "big")))
 
 
 def frame_reader() -> msgpack.Unpacker:
-    """Return what cuts bytes into frames: `feed` it, and iterate over those that are complete."""
+    """Return a splitter of bytes into frames: `feed` it, and iterate over the complete ones."""
     return msgpack.Unpacker(max_buffer_size=LARGEST_FRAME)

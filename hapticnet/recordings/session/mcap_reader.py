@@ -1,4 +1,4 @@
-"""MCAP files of hapticnet read back: whole, cut off anywhere, or damaged. Source: mcap.dev/spec."""
+"""Read hapticnet's MCAP files: complete, cut off anywhere, or damaged. Source: mcap.dev/spec."""
 
 import struct
 import zlib
@@ -21,11 +21,11 @@ _MESSAGE: Final = struct.Struct("<HIQQ")
 _SCHEMA_CODE: Final = 3
 _CHANNEL_CODE: Final = 4
 _MESSAGE_CODE: Final = 5
-# Records that may be in a chunk, and the bytes that each has at least. What else is there is damage.
+# Records allowed in a chunk, and the least size of each. Anything else is damage.
 _IN_CHUNKS: Final = {_SCHEMA_CODE: 14, _CHANNEL_CODE: 16, _MESSAGE_CODE: _MESSAGE.size}
 LARGEST_RECORD: Final = 2**30  # larger records are taken for damage
 LARGEST_CHUNK: Final = 2**28  # larger unpacked chunks are taken for damage: writers end one after a few MiB
-MOST_MESSAGES: Final = 10_000  # passed on together: each takes many times its size while it is an object
+MOST_MESSAGES: Final = 10_000  # most messages passed on together: as objects, each takes many times its size
 LARGEST_DESCRIPTION: Final = 2**20  # larger descriptions of a topic are taken for damage: schemas and channels
 LARGEST_DESCRIPTIONS: Final = 64 * 2**20  # limit of all channels together [B]
 RECOVERED: Final = "hapticnet.recovered"  # metadata of a file that an earlier `hapticnet recover` wrote
@@ -44,9 +44,9 @@ class Messages:
 
 
 def records(file: IO[bytes], path: Path, max_bytes: int) -> Iterator[Record]:
-    """Yield what is whole in a file, a `Damage` for what is not, and a Footer last if the file is complete.
+    """Yield the undamaged records of a file, a `Damage` for others, and a Footer last if the file is complete.
 
-    A channel comes once, though files repeat them; schemas and attachments are passed over. Raise FileError if it is
+    A channel comes once, although files repeat them; schemas and attachments are skipped. Raise FileError if it is
     not an MCAP file, unpacks to more than `max_bytes`, or describes too many topics.
     """
     try:
@@ -88,7 +88,7 @@ def records(file: IO[bytes], path: Path, max_bytes: int) -> Iterator[Record]:
                 yield from _contents(path, head + body if record is None else _unpacked(record), described)
             except HapticnetError:
                 raise
-            except Exception:  # the same, and what the compressors raise
+            except Exception:  # the same, and errors of the compressors
                 yield Damage()
             continue
         if code == Opcode.FOOTER and file.read(len(MCAP0_MAGIC)) != MCAP0_MAGIC:
@@ -99,7 +99,7 @@ def records(file: IO[bytes], path: Path, max_bytes: int) -> Iterator[Record]:
 
 
 def _unpacked(chunk: Record) -> bytes:
-    """Return a chunk's contents, which are no larger than it says; an exception of many kinds if it is damaged."""
+    """Return a chunk's contents, no larger than it declares; raise any of many exceptions if it is damaged."""
     size = chunk.uncompressed_size
     if size > LARGEST_CHUNK:
         raise ValueError("a chunk that unpacks to too much")
@@ -176,7 +176,7 @@ class _Rows(NamedTuple):
 
 
 def read_mcap(path: Path, max_bytes: int) -> Session:
-    """Return a recording that hapticnet wrote, as far as it is whole; raise FileError if it is something else."""
+    """Return the undamaged part of a recording that hapticnet wrote; raise FileError for any other file."""
     tables: dict[int, _Rows] = {}
     logs: list[tuple[int, str, str]] = []
     event_channels: set[int] = set()
@@ -191,7 +191,7 @@ def read_mcap(path: Path, max_bytes: int) -> Session:
             if isinstance(record, Messages):
                 for channel, data in record.each:
                     rows = tables.get(channel)
-                    if rows is not None and len(data) == rows.dtype.itemsize:  # else it is damaged
+                    if rows is not None and len(data) == rows.dtype.itemsize:  # otherwise it is damaged
                         rows.data.extend(data)
                     elif channel in event_channels:
                         logs.append(unpack_log(data))
@@ -209,7 +209,7 @@ def read_mcap(path: Path, max_bytes: int) -> Session:
         has += f"; damaged parts: {damages}" if damages else ""
         raise FileError(f"{path}: an MCAP file, but not a recording of hapticnet: {has}")
     offset_us = about.pop("unix_offset_us", 0)
-    offset_us = offset_us if isinstance(offset_us, int) else 0  # damaged, if it is anything else
+    offset_us = offset_us if isinstance(offset_us, int) else 0  # anything else is damaged
     return Session(
         side=next(iter(topics.values())).strip("/").partition("/")[0],
         about=about,

@@ -11,11 +11,11 @@ from hapticnet.recordings.session.protobuf import LOG, PACKAGE, log_descriptor, 
 from hapticnet.recordings.session.sink import Sink
 
 CHUNK_BYTES: Final = 64 * 1024  # uncompressed size of a chunk; `flush` ends one earlier
-MESSAGE_BYTES: Final = 47  # what a message adds to its fields at most: 31 B in the chunk, 16 B in the index
-CHUNK_OVERHEAD_BYTES: Final = 400  # what a chunk adds at most, with its index of three channels in the summary
+MESSAGE_BYTES: Final = 47  # most bytes that a message adds to its fields: 31 B in the chunk, 16 B in the index
+CHUNK_OVERHEAD_BYTES: Final = 400  # most bytes that a chunk adds, with its index of three channels in the summary
 FIXED_BYTES: Final = 8192  # room for schemas, channels, statistics and metadata, which are written twice or at the end
 
-DISTURBANCES: Final = frozenset(  # events that are logged as warnings: the run goes on or ends safely
+DISTURBANCES: Final = frozenset(  # events logged as warnings: the run continues or ends safely
     (
         "LinkStale", "SessionLost", "Refused", "ChangeRefused", "Hinted", "Noticed", "DeviceLost", "Paused", "Failed",
         "ForceFault", "FingerNotMet", "StepsTooSlow", "ScenePaused",
@@ -56,11 +56,11 @@ class McapWriter:
 
     @property
     def size(self) -> int:
-        """At most how large the file would be if it were finished now [B]."""
+        """Upper limit of the file's size if finished now [B]."""
         return self._sink.tell() + self._pending + CHUNK_OVERHEAD_BYTES * (self._chunks + 1) // 2 + FIXED_BYTES
 
     def bound(self, table: int, rows: int) -> int:
-        """Return at most how many bytes this many more rows take."""
+        """Return the most bytes that this many more rows take."""
         return rows * (10 * len(self._heading.tables[table].columns) + MESSAGE_BYTES)
 
     def rows(self, table: int, rows: FloatArray) -> None:
@@ -103,5 +103,5 @@ class McapWriter:
 
 
 def _texts(about: Mapping[str, Any]) -> dict[str, str]:
-    """Return facts as MCAP's metadata: text as it is, everything else as JSON."""
+    """Return facts as MCAP's metadata: text unchanged, everything else as JSON."""
     return {name: value if isinstance(value, str) else json.dumps(value, default=str) for name, value in about.items()}

@@ -56,7 +56,7 @@ def pack_rows(rows: FloatArray, types: Sequence[str]) -> npt.NDArray[Any]:
 
 
 def log_descriptor() -> bytes:
-    """Return the descriptor of `LOG`, with what it imports. Source: schemas/proto/foxglove/Log.proto of its makers."""
+    """Return the descriptor of `LOG`, with its imports. Source: Foxglove's schemas/proto/foxglove/Log.proto."""
     time = _message("Timestamp", ("seconds", _INT64), ("nanos", _INT32))
     log = _message(
         "Log",
@@ -99,7 +99,7 @@ def unpack_log(data: bytes) -> tuple[int, str, str]:
 
 
 def _read_fields(data: bytes) -> dict[int, int | bytes]:
-    """Return the fields of a message by their numbers: varints and what has a length."""
+    """Return the fields of a message by their numbers: varints and length-delimited ones."""
     fields: dict[int, int | bytes] = {}
     at = 0
     while at < len(data):
@@ -117,7 +117,7 @@ def _read_fields(data: bytes) -> dict[int, int | bytes]:
 
 
 def _message(name: str, *fields: tuple[str, int] | tuple[str, int, str]) -> bytes:
-    """Return the descriptor of a message: name and type of each field, and of what; field numbers count from 1."""
+    """Return the descriptor of a message: name, type and type name of each field; field numbers count from 1."""
     packed = b"".join(
         _field(
             2,

@@ -1,4 +1,4 @@
-"""Recordings of hapticnet read back, whatever their format."""
+"""Read hapticnet's recordings in any format."""
 
 import csv
 import re
@@ -35,7 +35,7 @@ _BESIDE: Final = (*(f".{name}s.csv" for name in _OTHER_TABLES), ".events.csv", "
 
 
 def read_session(path: Path, *, max_bytes: int = MAX_BYTES) -> Session:
-    """Return a recording that a master or slave wrote; of an .mcap file that is cut off, what is whole.
+    """Return a recording that a master or slave wrote; of a truncated .mcap file, the undamaged part.
 
     Raise FileError if it cannot be read, or unpacks to more than `max_bytes`; UnavailableError if it needs an extra.
     """
@@ -72,17 +72,17 @@ def check_main(path: Path) -> None:
 
 
 def _checked(path: Path, session: Session) -> Session:
-    """Return a recording whose tables can be worked with; raise FileError if they are damaged."""
+    """Return a recording with checked tables; raise FileError if they are damaged."""
     if len(session.tables) > MOST_TABLES:
         raise FileError(f"{path}: {len(session.tables)} tables; a recording has at most {MOST_TABLES}")
     for name, columns in session.tables.items():
-        if not _TABLE.fullmatch(name):  # it becomes part of the names of files
-            raise FileError(f"{path}: damaged: {name[:60]!r} is no name of a table")
+        if not _TABLE.fullmatch(name):  # it becomes part of file names
+            raise FileError(f"{path}: damaged: {name[:60]!r} is not a valid name of a table")
         if "t_us" not in columns:
             raise FileError(f"{path}: damaged: its table of {name}s has no times")
         for column in columns.values():
             if column.ndim != 1 or column.dtype.kind not in "if" or len(column) != len(columns["t_us"]):
-                raise FileError(f"{path}: damaged: the columns of its table of {name}s do not fit together")
+                raise FileError(f"{path}: damaged: the columns of its table of {name}s do not match")
         t_us = columns["t_us"]
         if len(t_us) and not (t_us.min() >= -LATEST_US and t_us.max() <= LATEST_US):
             raise FileError(f"{path}: damaged: the times of its table of {name}s are out of range")

@@ -1,4 +1,4 @@
-"""Recordings completed after their writer was killed or the disk was full."""
+"""Complete recordings after their writer was killed or the disk was full."""
 
 import fcntl
 import glob
@@ -21,7 +21,7 @@ MOST_PER_BYTE: Final = 100  # times the size of its file that a recovered one ma
 
 @dataclass(frozen=True, slots=True)
 class Recovered:
-    """What was recovered."""
+    """A recovered recording."""
 
     path: Path  # the complete file
     count: int  # rows of the main table
@@ -31,7 +31,7 @@ class Recovered:
 def recover_file(path: Path, out: Path | None = None) -> Recovered:
     """Make a complete recording of ``FILE.unfinished``, which is deleted, or of a damaged .mcap file, which is kept.
 
-    `out` is where it goes; None: FILE, or for an .mcap file ``NAME-recovered.mcap``. Raise FileError if it cannot be
+    `out` is the target; None: FILE, or for an .mcap file ``NAME-recovered.mcap``. Raise FileError if it cannot be
     read, a session still writes it, or the complete one cannot be written or exists already.
     """
     unfinished = path.parent / (path.name + UNFINISHED)
@@ -41,7 +41,7 @@ def recover_file(path: Path, out: Path | None = None) -> Recovered:
         raise FileError(f"{path}: no such file")
     check_readable(path, max_bytes=sys.maxsize)
     try:
-        if UNFINISHED not in path.name:  # this one is only read; the others are changed and deleted
+        if UNFINISHED not in path.name:  # this one is only read; others are changed and deleted
             if path.suffix.lower() != ".mcap":
                 raise FileError(f"{path}: only .mcap files and *{UNFINISHED} can be recovered")
             return _mend(path, out or path.with_name(f"{path.stem}-recovered{path.suffix}"))
@@ -60,13 +60,13 @@ def recover_file(path: Path, out: Path | None = None) -> Recovered:
         return done
     except HapticnetError:
         raise
-    except Exception as error:  # of many kinds, if it is damaged
+    except Exception as error:  # a damaged file raises many kinds
         reason = (isinstance(error, OSError) and error.strerror) or f"damaged ({error})"
         raise FileError(f"{path}: cannot be recovered: {reason}") from error
 
 
 def _mend(path: Path, target: Path, *, rename: bool = False) -> Recovered:
-    """Write what is whole in an .mcap file into another, unless all of it is and its name is right."""
+    """Write the undamaged part of an .mcap file to another, unless it is complete and has its final name."""
     if target.suffix.lower() != ".mcap":
         raise FileError(f"{target}: expected a name that ends in .mcap")
     session = read_mcap(path, max(MAX_BYTES, MOST_PER_BYTE * path.stat().st_size))
@@ -84,13 +84,13 @@ def _refuse_existing(target: Path) -> None:
 
 
 def refuse_if_recorded(path: Path) -> None:
-    """Raise FileError if a session still writes the recording that is to get this name."""
+    """Raise FileError if a session still writes the recording with this final name."""
     for unfinished in sorted(path.parent.glob(f"{glob.escape(path.name)}{UNFINISHED}*")):
         _refuse_if_written(unfinished)
 
 
 def _refuse_if_written(path: Path) -> None:
-    if not path.is_file() or path.is_symlink():  # a writer has no others
+    if not path.is_file() or path.is_symlink():  # only writers have these names
         return
     with open_regular(path, sys.maxsize, follow=False) as file:
         try:
@@ -120,7 +120,7 @@ def _complete_csv(path: Path, target: Path) -> int:
 
 
 def _cut_to_lines(path: Path) -> int:
-    """Cut a file behind its last complete line, and return the number of lines."""
+    """Truncate a file after its last complete line, and return the number of lines."""
     lines = end = at = 0
     with os.fdopen(open_in_place(path), "r+b") as file:
         while block := file.read(_BLOCK):

@@ -1,4 +1,4 @@
-"""A recorded session in any format: its tables, events and facts, and what was in force when."""
+"""A recorded session in any format: its tables, events and facts, and the settings in force."""
 
 import json
 import re
@@ -15,11 +15,11 @@ from hapticnet.errors import FileError
 
 SessionTable: TypeAlias = Mapping[str, npt.NDArray[Any]]  # columns of float64, int64 or int32 by name, shape (n,) each
 REPORT: Final = "report"  # fact that a node adds when its session ends
-INCOMPLETE: Final = "incomplete"  # fact in a recording from which something is missing: why
+INCOMPLETE: Final = "incomplete"  # fact that says why a recording is incomplete
 LARGEST_JSON: Final = 32 * 2**20  # longest text that is read [characters]; values take 30 times the memory
 MOST_VALUES: Final = 3_000_000  # most commas and opening brackets in it: each value takes 100 bytes and more
 MOST_EVENTS: Final = 300_000  # most events that are read: 12 hours at 7 a second
-IN_FORCE: Final = "SettingsInForce"  # name of the events that state what is in force from their time on (`node.events`)
+IN_FORCE: Final = "SettingsInForce"  # name of the events that state settings from their time on (`node.events`)
 _SURROGATE: Final = re.compile(r"[\ud800-\udfff]|\\u[dD][89a-fA-F]")
 
 INTEGERS: Final = {  # columns that hold whole numbers, and their types; all others are float64
@@ -80,7 +80,7 @@ class Session:
 
     @property
     def complete(self) -> bool:
-        """Whether it holds its session to the end."""
+        """Whether it contains its session to the end."""
         return self.is_whole and REPORT in self.about and INCOMPLETE not in self.about
 
     @property
@@ -96,7 +96,7 @@ def check_events(path: Path, count: int) -> None:
 
 
 def parse_json(text: str) -> Any:
-    """Return what a text in a recording says; ValueError if it is not JSON, too long or of too many values."""
+    """Return the value of a JSON text in a recording; ValueError if it is not JSON, too long or of too many values."""
     if len(text) > LARGEST_JSON:
         raise ValueError(f"{len(text):,} characters of JSON; the limit is {LARGEST_JSON:,}")
     values = sum(map(text.count, ",[{"))
@@ -104,7 +104,7 @@ def parse_json(text: str) -> Any:
         raise ValueError(f"{values:,} values of JSON; the limit is {MOST_VALUES:,}")
     try:
         value = json.loads(text)
-        if _SURROGATE.search(text):  # half a character, which no file or terminal can take; pairs are whole by now
+        if _SURROGATE.search(text):  # lone surrogates, which no file or terminal accepts; pairs are already joined
             value = json.loads(json.dumps(value, ensure_ascii=False).encode(errors="replace"))
         return value
     except RecursionError as error:
@@ -148,7 +148,7 @@ def settings_line(settings: Mapping[str, Any]) -> str:
 
 
 def change_notes(events: Iterable[Event]) -> tuple[str, ...]:
-    """Return a note that what was in force changed, for a person who computes with one codec, JND or delay."""
+    """Return a note that settings changed, for a computation with one codec, JND or delay."""
     spans = in_force(events)
     if len(spans) < 2:
         return ()
@@ -157,6 +157,6 @@ def change_notes(events: Iterable[Event]) -> tuple[str, ...]:
     more = f" and {len(spans) - 6} times more" if len(spans) > 6 else ""
     note = (
         f"{', '.join(sorted(changed))} changed during this recording, at t_us {times}{more}: none of them holds for all"
-        " of it; 'hapticnet info' lists what was in force when"
+        " of it; 'hapticnet info' lists the settings in force"
     )
     return (note,)

@@ -1,4 +1,4 @@
-"""A file that grows, and gets its name when it is complete."""
+"""A growing file, renamed when it is complete."""
 
 import fcntl
 import os
@@ -24,7 +24,7 @@ class Sink:
         self._waiting = bytearray()
         self._descriptor = os.open(self.file, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, 0o666)
         with suppress(OSError):  # a file system without locks
-            fcntl.flock(self._descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)  # for `recovery`: somebody still writes it
+            fcntl.flock(self._descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)  # for `recovery`: still being written
 
     def write(self, data: bytes) -> int:
         """Append bytes; they reach the file with the next `flush`."""
@@ -53,7 +53,7 @@ class Sink:
         self._waiting.clear()
 
     def close(self) -> None:
-        """Close the file and keep its present name. What was not flushed is lost."""
+        """Close the file and keep its present name. Unflushed bytes are lost."""
         if self._descriptor >= 0:
             os.close(self._descriptor)
             self._descriptor = -1
@@ -71,7 +71,7 @@ class Sink:
 
 
 def free_suffix(*paths: Path) -> str:
-    """Return ``.unfinished``, or ``.unfinished-2`` and so on, such that none of some files exists with it."""
+    """Return ``.unfinished``, or ``.unfinished-2`` and so on, the first with which none of the given files exists."""
     number, suffix = 1, UNFINISHED
     while any(os.path.lexists(path.with_name(path.name + suffix)) for path in paths):
         number += 1
@@ -80,7 +80,7 @@ def free_suffix(*paths: Path) -> str:
 
 
 def named(path: Path) -> Path:
-    """Return the name that an unfinished file gets when it is complete."""
+    """Return the final name of an unfinished file."""
     name, mark, number = path.name.rpartition(UNFINISHED)
     if not mark or (number and not number.removeprefix("-").isdecimal()):
         raise FileError(f"{path}: not an unfinished recording; its name does not end in {UNFINISHED}")
