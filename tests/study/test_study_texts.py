@@ -52,7 +52,7 @@ def test_texts_with_a_mistake_are_refused_in_one_line(tmp_path, old, new, told):
 
 @pytest.mark.parametrize("consent", ["", "none, because ", "You will feel forces"])
 def test_a_study_without_consent_needs_a_reason_and_texts_a_file(tmp_path, consent):
-    with pytest.raises(HapticnetError, match=r"texts 'xx' is no \.toml file; write one with"):
+    with pytest.raises(HapticnetError, match=r"texts 'xx' is not a \.toml file; write one with"):
         plan_with(tmp_path, "", 'texts = "xx"\n')
     with pytest.raises(HapticnetError, match=r'consent is .*; it must be "ask"'):
         plan_with(tmp_path, "", f'consent = "{consent}"\n')
