@@ -214,6 +214,13 @@ Announce: TypeAlias = Annotated[
 Announced: TypeAlias = Annotated[
     bool, Option("Ask the slave to announce the contact ahead, and render it without delay.")
 ]
+Predicted: TypeAlias = Annotated[
+    bool,
+    Option(
+        "Ask the slave to answer for where the hand will be when the force arrives, on a copy of its scene, which makes"
+        " up for most of the delay. A hand that turns round is met by a force too early or too late."
+    ),
+]
 Codec: TypeAlias = Annotated[
     str,
     Option(
@@ -323,6 +330,7 @@ class SharedMasterOptions:
     name: Name = "master"
     device_takes: DeviceTakes = "x"
     announced: Announced = False
+    predicted: Predicted = False
     positions: Positions = "raw"
     position_share: PositionShare = POSITION_SHARE
     first_touch: FirstTouch = False

@@ -184,7 +184,7 @@ class HandMaster:
         """Send a POSITION; return the answers."""
         t_us = now_us if t_us is None else t_us
         payload = np.array(position_m, ">f4").tobytes() if payload is None else payload
-        return self.say(Kind.POSITION, sequence, Position(t_us & 0xFFFF_FFFF, ack, payload), now_us)
+        return self.say(Kind.POSITION, sequence, Position(t_us & 0xFFFF_FFFF, ack, payload)[:3], now_us)
 
     def work(self, now_us=0):
         """Join and send one position; return self."""

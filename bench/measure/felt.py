@@ -20,9 +20,10 @@ from hapticnet.codec.registry import every_codec, make_codec
 from hapticnet.experiment.comparison import REPAIR_US
 from hapticnet.experiment.trials import Trial
 from hapticnet.measure.energy import energy_report
-from hapticnet.measure.metrics import error_report
+from hapticnet.measure.metrics import FeltReport, error_report
 from hapticnet.node.closed_loop import simulate_link
 from hapticnet.perception import WeberLaw
+from hapticnet.scene.sources import make_scene
 
 CODECS = every_codec()
 
@@ -43,9 +44,11 @@ LARGEST_OWN_SHARE: Final = 0.05
 """Energy is given for signals whose true force itself creates less than this share. Some recordings exceed it:
 something else drives the tool, or position and force were measured at different places."""
 
-FIGURES: Final = ("exceed_jnd_fraction", "rmse_n", "created_share", "active_share", "packets_per_s")
-CONTROLLED: Final = ("raw", "deadband", "adaptive-predictive", "motion-predictive")
-"""Codecs that are tried with passivity control at the master too; see `hapticnet.control.hold`."""
+ERRORS: Final = tuple(FeltReport.__dataclass_fields__)
+FIGURES: Final = (*ERRORS, "created_share", "active_share", "packets_per_s")
+MAIN: Final = ("raw", "deadband", "adaptive-predictive", "motion-predictive")
+"""Codecs that are tried with passivity control at the master, too, and with prediction of the hand at the slave; see
+`hapticnet.control.hold` and `hapticnet.node.hand_predictor`."""
 
 
 def measure(arguments: argparse.Namespace) -> Row:
@@ -64,7 +67,12 @@ def measure(arguments: argparse.Namespace) -> Row:
     ]
     controlled = [
         felt(trial, kind, codec, "delay alone", delay_ms, seed, passive=True)
-        for (kind, trial), codec, delay_ms in itertools.product(found, CONTROLLED, disturbed_ms or (25,))
+        for (kind, trial), codec, delay_ms in itertools.product(found, MAIN, disturbed_ms or (25,))
+    ]
+    predicted = [
+        felt(trial, kind, codec, link, delay_ms, seed, predicted=True)
+        for (kind, trial), codec, link, delay_ms in itertools.product(found, MAIN, LINKS, disturbed_ms or (25,))
+        if trial.scene is not None
     ]
     return {
         "delays_ms": delays_ms,
@@ -73,10 +81,21 @@ def measure(arguments: argparse.Namespace) -> Row:
         "rows": rows,
         "means": means(rows),
         "controlled": means(controlled),
+        "predicted": means(predicted),
     }
 
 
-def felt(trial: Trial, kind: str, codec: str, link: str, delay_ms: int, seed: int, *, passive: bool = False) -> Row:
+def felt(
+    trial: Trial,
+    kind: str,
+    codec: str,
+    link: str,
+    delay_ms: int,
+    seed: int,
+    *,
+    passive: bool = False,
+    predicted: bool = False,
+) -> Row:
     """Return what a hand feels of one signal through one codec at 1 JND over one link, and at what cost."""
     assert trial.positions is not None
     jitter, loss = LINKS[link]
@@ -92,6 +111,7 @@ def felt(trial: Trial, kind: str, codec: str, link: str, delay_ms: int, seed: in
         repair_us=REPAIR_US + 2 * channel.delay_us,
         rng=np.random.default_rng(seed),
         passive=passive,
+        scene=make_scene(trial.scene) if predicted and trial.scene is not None else None,
     )
     errors = error_report(law, trial.stimuli, played.applied)
     own = energy_report(law, trial.stimuli, trial.stimuli, trial.positions)
@@ -103,9 +123,7 @@ def felt(trial: Trial, kind: str, codec: str, link: str, delay_ms: int, seed: in
         "codec": codec,
         "link": link,
         "delay_ms": delay_ms,
-        "exceed_jnd_fraction": errors.exceed_jnd_fraction,
-        "rmse_n": errors.rmse_n,
-        "max_error_n": errors.max_error_n,
+        **{name: getattr(errors, name) for name in ERRORS},
         "created_share": energy.created_share if tells else None,
         "active_share": energy.active_share if tells else None,
         "packets_per_s": played.sent / trial.seconds,

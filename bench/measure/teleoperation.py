@@ -9,13 +9,14 @@ from the next tick on, so even without delay every setup is late by a tick of 1 
 import argparse
 import math
 import statistics
+from dataclasses import asdict
 from typing import Any, Final
 
 import numpy as np
 import record
 
 from hapticnet.channel.emulator import Emulator
-from hapticnet.channel.settings import BernoulliLoss, ChannelSettings
+from hapticnet.channel.settings import BernoulliLoss, ChannelSettings, Jitter
 from hapticnet.measure.energy import energy_report
 from hapticnet.measure.metrics import error_report
 from hapticnet.node.loopback import Loopback
@@ -38,11 +39,19 @@ SETUPS: Final[dict[str, dict[str, Any]]] = {
     "motion-predictive": {"codec": "motion-predictive"},
     "deadband, coded positions": {"codec": "deadband", "positions": "line"},
     "motion-predictive, coded positions": {"codec": "motion-predictive", "positions": "line"},
+    "deadband, predicted hand": {"codec": "deadband", "predicted": True},
+    "motion-predictive, predicted hand": {"codec": "motion-predictive", "predicted": True},
+    "predicted hand, coded positions": {"codec": "motion-predictive", "predicted": True, "positions": "line"},
     "announced scene": {"codec": "motion-predictive", "announced": True},
     "announced scene, coded positions": {"codec": "motion-predictive", "announced": True, "positions": "line"},
 }
-DELAYS_MS: Final = (0, 25, 50)
-LOSSES: Final = (0.0, 0.05)
+DELAYS_MS: Final = (0, 5, 25, 50)
+LINKS: Final[dict[str, Row]] = {
+    "clean": {},
+    "loss of 5 %": {"loss": BernoulliLoss(0.05)},
+    "jitter of 5 ms": {"jitter": Jitter(distribution="normal", deviation_us=5_000)},
+}
+"""What disturbs both directions beside the delay."""
 
 HANDSHAKE_US: Final = 500_000
 """Traffic is counted after this time, while the hand still waits."""
@@ -61,32 +70,32 @@ def measure(arguments: argparse.Namespace) -> Row:
     rows = []
     for name, setup in SETUPS.items():
         for delay_ms in DELAYS_MS:
-            for loss in LOSSES:
-                played = [play(setup, delay_ms, loss, seed, insertions, most_s) for seed in seeds]
+            for link in LINKS:
+                played = [play(setup, delay_ms, link, seed, insertions, most_s) for seed in seeds]
                 means = {key: statistics.fmean(row[key] for row in played) for key in played[0]}
-                rows.append({"setup": name, "delay_ms": delay_ms, "loss": loss} | means)
+                rows.append({"setup": name, "delay_ms": delay_ms, "link": link} | means)
     return {"insertions": insertions, "rows": rows}
 
 
-def play(setup: Row, delay_ms: int, loss: float, seed: int, insertions: int, most_s: float) -> Row:
-    """Play one session; return its traffic and the felt error."""
+def play(setup: Row, delay_ms: int, link: str, seed: int, insertions: int, most_s: float) -> Row:
+    """Play one session; return its traffic and what was felt."""
     hand = ScriptedOperator(InsertionSettings(insertions=insertions), np.random.default_rng([seed, 3]))
     assert hand.duration_us is not None
-    channel = ChannelSettings(delay_us=1000 * delay_ms, loss=BernoulliLoss(loss) if loss else None)
+    channel = ChannelSettings(delay_us=1000 * delay_ms, **LINKS[link])
     to_slave, to_master, of_master, of_slave = np.random.default_rng([seed, 7]).spawn(4)
-    link = Loopback(
+    session = Loopback(
         MasterNode(hand, None, MasterSettings(record=True, **setup), of_master),
         SlaveNode(lambda _: Scene(paper_scene(seed).tissues), SlaveSettings(), of_slave),
         forward=Emulator[bytes](channel, to_slave),
         feedback=Emulator[bytes](channel, to_master),
     )
-    link.run(HANDSHAKE_US)
-    begun = sent(link)
+    session.run(HANDSHAKE_US)
+    begun = sent(session)
     seconds = min(hand.duration_us * 1e-6, most_s) - HANDSHAKE_US * 1e-6
-    link.run(round(1e6 * seconds))
-    ended = sent(link)
-    assert link.master.recording is not None
-    samples = link.master.recording.table()
+    session.run(round(1e6 * seconds))
+    ended = sent(session)
+    assert session.master.recording is not None
+    samples = session.master.recording.table()
     moves = samples["position_m"] != 0.0
     t_us, position_m = samples["t_us"][moves], samples["position_m"][moves]
     scene = Scene(paper_scene(seed).tissues)
@@ -103,8 +112,7 @@ def play(setup: Row, delay_ms: int, loss: float, seed: int, insertions: int, mos
     felt = error_report(law, true_n, held_n)
     return {
         **{key: (count - before) / seconds for (key, count), before in zip(ended.items(), begun.values(), strict=True)},
-        "felt_exceed_jnd_fraction": felt.exceed_jnd_fraction,
-        "felt_rmse_n": felt.rmse_n,
+        **{f"felt_{name}": value for name, value in asdict(felt).items()},
         "breach_share": float(squares[late].sum() / (squares.sum() or 1.0)),
         "created_share": energy_report(law, true_n, held_n, position_m[:, None]).created_share,
     }

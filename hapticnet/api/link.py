@@ -68,7 +68,12 @@ class LinkReport(Table):
     felt_rmse_n: float
     felt_max_error_n: float
     felt_exceed_jnd_fraction: float
-    """The same for the force held at the time of each position, which includes the effects of delay and loss."""
+    felt_above_2_jnd_fraction: float
+    felt_above_4_jnd_fraction: float
+    felt_above_8_jnd_fraction: float
+    felt_p99_error_n: float
+    """The same for the force held at the time of each position, which includes the effects of delay and loss; see
+    `FeltReport`."""
     slave: dict[str, Any]
     master: dict[str, Any]
     """The complete reports of both sides."""
@@ -168,6 +173,7 @@ def virtual_link(
     feedback: str = "perfect",
     rate_hz: float = 1000.0,
     announced: bool = False,
+    predicted: bool = False,
     positions: Positions = "raw",
     position_share: float = 0.25,
     operator: HasSample | None = None,
@@ -195,6 +201,8 @@ def virtual_link(
         Positions per second.
     announced
         Whether the scene announces the contact ahead, and the master renders it without delay.
+    predicted
+        Whether the slave answers for where the hand will be when the force arrives, on a copy of the scene.
     positions, position_share
         Which positions are sent, ``"raw"`` or ``"line"``, and the share of the JND that those of ``"line"`` may use.
     operator
@@ -239,6 +247,7 @@ def virtual_link(
         rate_hz=rate_hz,
         record=True,
         announced=announced,
+        predicted=predicted,
         positions=positions,
         position_share=position_share,
     )

@@ -10,14 +10,14 @@ from hapticnet.arrays import FloatArray
 from hapticnet.errors import SampleError
 from hapticnet.measure import bound, energy, metrics, quality
 from hapticnet.measure.energy import EnergyReport
-from hapticnet.measure.metrics import ErrorReport
+from hapticnet.measure.metrics import FeltReport
 from hapticnet.measure.quality import QualityReport
 from hapticnet.perception import WeberLaw
 
 PAPER_LAW = WeberLaw()
 
 
-def error_report(true: npt.ArrayLike, applied: npt.ArrayLike, *, law: WeberLaw = PAPER_LAW) -> ErrorReport:
+def error_report(true: npt.ArrayLike, applied: npt.ArrayLike, *, law: WeberLaw = PAPER_LAW) -> FeltReport:
     """Compare the applied forces with the true ones.
 
     Parameters

@@ -125,7 +125,7 @@ def demo(
     disturbed = disturbances(played)
     if disturbed is not None:
         console.warn(f"delays and tracking may be worse than the system's own: {disturbed}")
-    rows = results(played, () if isinstance(found, BodySceneSettings) else found.tissues)
+    rows = results(played, found)
     settings = {
         "scene": scene,
         "seed": seed,
@@ -278,6 +278,8 @@ _LINES: tuple[tuple[str, Callable[[Row], str]], ...] = (
     ("exceed-JND fraction", lambda row: _percent(row["exceed_jnd_fraction"])),
     ("RMSE as felt", lambda row: f"{row['felt']['rmse_n']:.4f} N"),
     ("above 1 JND over 25 ms", lambda row: _percent(row["felt_over_link"]["exceed_jnd_fraction"])),
+    ("  above 8 JND", lambda row: _percent(row["felt_over_link"]["above_8_jnd_fraction"])),
+    ("  above 1 JND, predicted", lambda row: _percent(row["predicted_over_link"]["exceed_jnd_fraction"])),
     ("  energy created", lambda row: _percent(row["felt_over_link"]["created_share"])),
     ("device tracking RMSE", _tracking),
     ("round trip p50", _milliseconds("round_trip", "p50_us")),

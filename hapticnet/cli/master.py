@@ -254,6 +254,7 @@ class MasterMessages(Watcher[NodeEvent]):
         line = settings.positions == "line" and not grant.position_share
         unused = {
             "--announced": (settings.announced and not grant.announced, f"the scene {grant.scene} announces nothing"),
+            "--predicted": (settings.predicted and not grant.predicted, f"the scene {grant.scene} cannot be copied"),
             "--positions line": (line, f"{why}, so every position is sent"),
         }
         self._console.warn_of_unused({name: each for name, each in unused.items() if name not in self._unused})

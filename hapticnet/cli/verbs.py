@@ -214,7 +214,7 @@ GROUPS: Final[dict[str, tuple[str, ...]]] = {
         "to", "stiffness", "link", "pairs",
     ),
     "Safety": ("passive", "max-age", "max-force", "first-touch"),
-    "Scene and contact": ("scene", "announce", "announced"),
+    "Scene and contact": ("scene", "announce", "announced", "predicted"),
     "Codec and perception": (
         "codec", "codecs", "add-codec", "multiplier", "multipliers", "weber", "floor", "law", "grid",
     ),

@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from hapticnet.arrays import FloatArray
-from hapticnet.measure.metrics import ErrorReport, error_report
+from hapticnet.measure.metrics import FeltReport, error_report
 from hapticnet.node.recording import axis_columns
 from hapticnet.perception import WeberLaw
 from hapticnet.protocol.wire import UDP_IPV4_HEADER_BYTES
@@ -114,7 +114,7 @@ def spent_until(
     return each
 
 
-def felt_error(law: WeberLaw, slave: Columns, master: Columns) -> ErrorReport:
+def felt_error(law: WeberLaw, slave: Columns, master: Columns) -> FeltReport:
     """Compare the force held at each tick with the true force at the position of the same time, delays included."""
     at_slave, at_master = matched(slave, master)
     return error_report(law, vectors(slave, "force", "n")[at_slave], vectors(master, "held", "n")[at_master])

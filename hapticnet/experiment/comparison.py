@@ -5,6 +5,7 @@ import math
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 from itertools import product
 from typing import Any, Final, NamedTuple
 
@@ -16,15 +17,17 @@ from hapticnet.checks import check_parameter
 from hapticnet.codec.base import Codec, Encoding
 from hapticnet.codec.recording import encode_array, encode_lossy, encode_streamed
 from hapticnet.codec.registry import codec_parameters
+from hapticnet.errors import SettingsError
 from hapticnet.experiment.trials import Trial
 from hapticnet.experiment.workers import workers
 from hapticnet.measure.bound import fewest_holds, fewest_lines
 from hapticnet.measure.energy import energy_report
-from hapticnet.measure.metrics import ErrorReport, error_report
+from hapticnet.measure.metrics import FeltReport, error_report
 from hapticnet.measure.quality import QualityReport, quality_report
 from hapticnet.node.closed_loop import Felt, simulate_link
 from hapticnet.node.offline import CostReport, cost_report
 from hapticnet.perception import WeberLaw
+from hapticnet.scene.sources import make_scene
 
 TIMED_SAMPLES: Final = 10_000
 TIMED_PASSES: Final = 3  # passes over them; the fastest counts, because the others were disturbed
@@ -56,7 +59,8 @@ class Row:
     delay_us: int  # delay of each way [µs] for `felt`
     cost: CostReport
     quality: QualityReport
-    felt: ErrorReport  # errors of the force applied at each tick against the true one, over such a link
+    felt: FeltReport  # errors of the force applied at each tick against the true one, over such a link
+    predicted: FeltReport | None  # the same if the slave answers for where the hand will be; None without a scene
     felt_created_share: float | None  # share of energy it creates (`measure.energy`); None without positions
     limits: Limits
     over_optimum: float  # packets sent over the fewest that any zero-order hold needs
@@ -70,9 +74,15 @@ class Row:
     def flat(self) -> dict[str, Any]:
         """Return all figures in one level, for JSON and CSV. Infinite values become None: JSON has no infinity."""
         row = dataclasses.asdict(self)
-        cost, quality, felt, limits = (row.pop(part) for part in ("cost", "quality", "felt", "limits"))
+        cost, quality, limits = (row.pop(part) for part in ("cost", "quality", "limits"))
         optimum = {f"optimum_{name}": packets for name, packets in limits.items()}
-        level = row | optimum | cost | quality | {f"felt_{name}": value for name, value in felt.items()}
+        unknown = dict.fromkeys(FeltReport.__dataclass_fields__)
+        felt = {
+            f"{kind}_{name}": value
+            for kind in ("felt", "predicted")
+            for name, value in (row.pop(kind) or unknown).items()
+        }
+        level = row | optimum | cost | quality | felt
         return {key: None if isinstance(value, float) and math.isinf(value) else value for key, value in level.items()}
 
 
@@ -134,8 +144,14 @@ def felt_report(
     feedback: ChannelSettings,
     repair_us: int,
     rng: np.random.Generator,
-) -> tuple[Felt, ErrorReport, float | None]:
-    """Return the applied force over a network, its errors, and the share of energy created; see `simulate_link`."""
+    predicted: bool = False,
+) -> tuple[Felt, FeltReport, float | None]:
+    """Return what is applied over a network, its errors, and the share of energy created; see `simulate_link`.
+
+    `predicted`: whether the slave answers for where the hand will be. SettingsError if the trial has no scene.
+    """
+    if predicted and trial.scene is None:
+        raise SettingsError(f"{trial.name}: there is no scene that can be copied, so the hand cannot be predicted")
     felt = simulate_link(
         codec,
         trial.t_us,
@@ -145,6 +161,7 @@ def felt_report(
         feedback=feedback,
         repair_us=repair_us,
         rng=rng,
+        scene=make_scene(trial.scene) if predicted and trial.scene else None,
     )
     errors = error_report(codec.law, trial.stimuli, felt.applied)
     if trial.positions is None:
@@ -153,13 +170,21 @@ def felt_report(
 
 
 def delayed_report(
-    codec: Codec, trial: Trial, *, loss: float = 0.0, delay_us: int = DELAY_US, seed: int = 0
-) -> tuple[ErrorReport, float | None]:
+    codec: Codec,
+    trial: Trial,
+    *,
+    loss: float = 0.0,
+    delay_us: int = DELAY_US,
+    seed: int = 0,
+    predicted: bool = False,
+) -> tuple[FeltReport, float | None]:
     """Return the same over a link that delays both ways and loses updates; they are replaced after a round trip."""
     forward = ChannelSettings(delay_us=delay_us)
     feedback = ChannelSettings(delay_us=delay_us, loss=BernoulliLoss(loss) if loss else None)
     repair_us, rng = REPAIR_US + 2 * delay_us, np.random.default_rng(seed)
-    return felt_report(codec, trial, forward=forward, feedback=feedback, repair_us=repair_us, rng=rng)[1:]
+    return felt_report(
+        codec, trial, forward=forward, feedback=feedback, repair_us=repair_us, rng=rng, predicted=predicted
+    )[1:]
 
 
 def codec_label(codec: Codec) -> str:
@@ -181,7 +206,9 @@ def _row(shared: _Shared, case: tuple[int, float, int, Limits]) -> Row:
     quality = quality_report(
         codec.law, trial.t_us, trial.stimuli, encoding.decoded, encoding.sent, trial.positions, received=received
     )
-    felt, created_share = delayed_report(codec, trial, loss=loss, delay_us=shared.delay_us, seed=shared.seed)
+    link = partial(delayed_report, codec, trial, loss=loss, delay_us=shared.delay_us, seed=shared.seed)
+    felt, created_share = link()
+    predicted = None if trial.scene is None else link(predicted=True)[0]
     return Row(
         trial=trial.name,
         codec=codec.name,
@@ -196,6 +223,7 @@ def _row(shared: _Shared, case: tuple[int, float, int, Limits]) -> Row:
         cost=cost,
         quality=quality,
         felt=felt,
+        predicted=predicted,
         felt_created_share=created_share,
         limits=limits,
         over_optimum=cost.sent / limits.holds if limits.holds else 1.0,

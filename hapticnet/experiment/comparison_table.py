@@ -59,6 +59,11 @@ FELT_MEANING: Final = (
     "share of the ticks at which the applied force is more than one JND from the true force of that tick, over a link"
     " with delay"
 )
+LARGE_MEANING: Final = "share of the same ticks at which they are more than 8 JND apart"
+FELT_RMSE_MEANING: Final = "root mean square error of the force felt over that link"
+PREDICTED_MEANING: Final = (
+    "the share above one JND if the slave answers for where the hand will be (--predicted); scenes only"
+)
 CREATED_MEANING: Final = (
     "energy that the applied force creates over that link, as a share of the work of the hand against the true force"
 )
@@ -80,6 +85,9 @@ COLUMNS: Final = (
     Column("max_error_n", "max\nN", ".3f", "largest error", in_papers=False),
     Column("exceed_jnd_fraction", "exceed\nJND", ".1%", EXCEED_MEANING),
     Column("felt_exceed_jnd_fraction", "felt\n> JND", ".1%", FELT_MEANING),
+    Column("felt_above_8_jnd_fraction", "felt\n> 8 JND", ".1%", LARGE_MEANING),
+    Column("felt_rmse_n", "felt\nRMSE N", ".3f", FELT_RMSE_MEANING),
+    Column("predicted_exceed_jnd_fraction", "predicted\n> JND", ".1%", PREDICTED_MEANING),
     Column("felt_created_share", "energy\ncreated", ".1%", CREATED_MEANING),
     Column("jump_max_jnd", "jump\nJND", ".1f", "largest step between successive applied samples", in_papers=False),
     Column("age_mean_us", "age\nms", ".1f", "mean age of the applied update", 1e-3, in_papers=False),

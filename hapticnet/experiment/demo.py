@@ -2,7 +2,7 @@
 
 import json
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -24,13 +24,13 @@ from hapticnet.experiment.analysis import (
 from hapticnet.experiment.comparison import DELAY_US, delayed_report
 from hapticnet.experiment.style import BLUE, GREEN, GREY, INK, ORANGE, PURPLE, SKY, VERMILION, legend, picture
 from hapticnet.experiment.trials import Trial
-from hapticnet.measure.metrics import ErrorReport
+from hapticnet.measure.metrics import FeltReport
 from hapticnet.perception import PAPER_FLOOR_N, PAPER_WEBER_FRACTION, WeberLaw
 from hapticnet.recordings.text import read_csv
 from hapticnet.runtime.overload import signs
 from hapticnet.runtime.processes import Child
 from hapticnet.runtime.system import OTHER
-from hapticnet.scene.settings import Tissue
+from hapticnet.scene.settings import AnySceneSettings, SceneSettings
 
 POLL_S: Final = 0.1
 CONNECT_TIMEOUT_S: Final = 10.0
@@ -97,14 +97,16 @@ def disturbances(played: list[Played]) -> str | None:
     return "; ".join(["no real-time scheduling", *found])
 
 
-def results(played: list[Played], tissues: Sequence[Tissue]) -> list[dict[str, Any]]:
-    """Return one row of figures per condition; without `tissues`, contacts with bodies are counted instead."""
+def results(played: list[Played], scene: AnySceneSettings) -> list[dict[str, Any]]:
+    """Return one row of figures per condition; where the scene has no tissues, contacts with bodies are counted."""
+    tissues = scene.tissues if isinstance(scene, SceneSettings) else ()
     law = WeberLaw(weber_fraction=PAPER_WEBER_FRACTION, floor_n=PAPER_FLOOR_N)
     rows: list[dict[str, Any]] = []
     for each in played:
         condition, slave, master = each.condition, each.slave, each.master
         penetrations = bytes_per_penetration(each.slave_samples, contacts=not tissues)
-        late, created_share = _over_a_link(condition, each.slave_samples)
+        late, created_share = _over_a_link(condition, each.slave_samples, scene)
+        predicted, _ = _over_a_link(condition, each.slave_samples, scene, predicted=True)
         by_tissue = zip(tissues, penetrations.by_tissue(tissues) if tissues else (), strict=True)
         uncompressed = rows[0]["bytes_per_penetration"] if rows else penetrations.mean
         rows.append(
@@ -131,6 +133,7 @@ def results(played: list[Played], tissues: Sequence[Tissue]) -> list[dict[str, A
                 "feedback_wire_bytes": slave["sent"]["wire_bytes"],
                 "felt": asdict(felt_error(law, each.slave_samples, each.master_samples)),
                 "felt_over_link": {"delay_us": DELAY_US, **asdict(late), "created_share": created_share},
+                "predicted_over_link": {"delay_us": DELAY_US, **asdict(predicted)},
                 "lost": master["received"]["lost"] + slave["received"]["lost"],
                 **{key: slave[key] for key in FROM_SLAVE},
                 **{key: master[key] for key in FROM_MASTER},
@@ -220,17 +223,20 @@ def _played(condition: Condition, folder: Path, report: dict[str, Any]) -> Playe
     )
 
 
-def _over_a_link(condition: Condition, samples: Columns) -> tuple[ErrorReport, float | None]:
-    """Return the errors of the felt force over a link of `DELAY_US` each way, computed from a slave's recording."""
+def _over_a_link(
+    condition: Condition, samples: Columns, scene: AnySceneSettings, *, predicted: bool = False
+) -> tuple[FeltReport, float | None]:
+    """Return what the hand would feel over a link of `DELAY_US` each way, computed from a slave's recording."""
     trial = Trial(
         name=condition.name,
         t_us=samples["t_us"].astype(np.int64),
         stimuli=vectors(samples, "force", "n"),
         positions=vectors(samples, "position", "m"),
+        scene=scene,
     )
     name, parameters = parse_codec(condition.codec)
     law = WeberLaw(weber_fraction=PAPER_WEBER_FRACTION, floor_n=PAPER_FLOOR_N, multiplier=condition.multiplier)
-    return delayed_report(make_codec(name, law, parameters), trial)
+    return delayed_report(make_codec(name, law, parameters), trial, predicted=predicted)
 
 
 def _samples(folder: Path, condition: Condition) -> Path:

@@ -13,7 +13,9 @@ from hapticnet.operator.base import Operator
 from hapticnet.operator.scripted import InsertionSettings, ScriptedOperator
 from hapticnet.samples import LARGEST_COMPONENT, PositionSample
 from hapticnet.scene.base import Touchable
+from hapticnet.scene.bodies import BodyScene
 from hapticnet.scene.scene import Scene
+from hapticnet.scene.settings import AnySceneSettings
 from hapticnet.scene.sources import paper_scene
 
 LONGEST_US: Final = 600_000_000  # longest motion [µs] that is recorded, for a hand that moves without end
@@ -28,6 +30,7 @@ class Trial:
     t_us: IntArray  # time stamps [µs], shape (n,)
     stimuli: FloatArray  # forces [N], positive out of the tissue, shape (n, a)
     positions: FloatArray | None = None  # positions of the tool [m], shape (n, a), if known
+    scene: AnySceneSettings | None = None  # what was touched, at rest, if a copy of it can be made
 
     def __post_init__(self) -> None:
         for what, values in (("stimulus", self.stimuli), ("position", self.positions)):
@@ -79,7 +82,13 @@ def scene_trial(scene: Touchable, hand: Operator, *, name: str, rate_hz: float =
         scene.step(PositionSample(at_us, tuple(at_m))).force_n
         for at_us, at_m in zip(t_us.tolist(), sent.tolist(), strict=True)
     ]
-    return Trial(name=name, t_us=t_us, stimuli=np.array(forces).reshape(sent.shape), positions=sent)
+    return Trial(
+        name=name,
+        t_us=t_us,
+        stimuli=np.array(forces).reshape(sent.shape),
+        positions=sent,
+        scene=scene.settings if isinstance(scene, Scene | BodyScene) else None,
+    )
 
 
 def paper_trial(

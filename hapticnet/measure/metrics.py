@@ -1,12 +1,15 @@
 """Error of the applied stimuli against the true ones, for whole recordings."""
 
 from dataclasses import dataclass
+from typing import Final
 
 import numpy as np
 import numpy.typing as npt
 
 from hapticnet.arrays import FloatArray
 from hapticnet.perception import WeberLaw
+
+FELT_JNDS: Final = (2, 4, 8)  # JNDs above which ticks are counted besides 1
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -29,16 +32,34 @@ class ErrorReport:
     exceed_jnd_fraction: float
 
 
-def error_report(law: WeberLaw, true: FloatArray, applied: FloatArray) -> ErrorReport:
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FeltReport(ErrorReport):
+    """The same, and how large the errors are: over a network most samples are above one JND, whatever the codec.
+
+    Attributes
+    ----------
+    above_2_jnd_fraction, above_4_jnd_fraction, above_8_jnd_fraction
+        Fractions of samples whose error is more than so many JNDs, ``n·max(k·|F̂|, floor)``.
+    p99_error_n
+        99th percentile of the norm of the difference [N].
+    """
+
+    above_2_jnd_fraction: float
+    above_4_jnd_fraction: float
+    above_8_jnd_fraction: float
+    p99_error_n: float
+
+
+def error_report(law: WeberLaw, true: FloatArray, applied: FloatArray) -> FeltReport:
     """Compare stimuli of shape (n, a); all errors are 0 if there are none."""
-    if not len(true):
-        return ErrorReport(rmse_n=0.0, max_error_n=0.0, exceed_jnd_fraction=0.0)
-    error = norms(true - applied)
-    jnd = law.jnds_n(norms(applied))
-    return ErrorReport(
+    error = norms(true - applied) if len(true) else np.zeros(1)
+    jnd = law.jnds_n(norms(applied)) if len(true) else np.ones(1)
+    return FeltReport(
         rmse_n=float(np.sqrt(np.mean(error * error))),
         max_error_n=float(error.max()),
         exceed_jnd_fraction=float(np.mean(error > jnd)),
+        **{f"above_{jnds}_jnd_fraction": float(np.mean(error > jnds * jnd)) for jnds in FELT_JNDS},
+        p99_error_n=float(np.percentile(error, 99.0, method="inverted_cdf")),
     )
 
 

@@ -7,7 +7,7 @@ from typing import Final
 import numpy as np
 
 from hapticnet.arrays import FloatArray, IntArray
-from hapticnet.measure.metrics import ErrorReport, error_report, norms, worst_window_packets
+from hapticnet.measure.metrics import FeltReport, error_report, norms, worst_window_packets
 from hapticnet.perception import WeberLaw
 
 RATE_WINDOW_US: Final = 100_000
@@ -15,10 +15,10 @@ RATE_WINDOW_US: Final = 100_000
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class QualityReport(ErrorReport):
+class QualityReport(FeltReport):
     """Error, steps, age, burstiness and energy of the applied stimuli F̂ against the true ones F.
 
-    The fields of `ErrorReport`, and those below. The codec's multiplier does not change a JND. Without samples, values
+    The fields of `FeltReport`, and those below. The codec's multiplier does not change a JND. Without samples, values
     are 0.
 
     Attributes

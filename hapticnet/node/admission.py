@@ -34,7 +34,7 @@ from hapticnet.protocol.messages import (
 from hapticnet.protocol.settings import Entropy, SessionSettings, random_bytes
 from hapticnet.protocol.slave_session import SlaveSession
 from hapticnet.protocol.wire import SEALED, Kind, pack, pack_body
-from hapticnet.scene.base import Touchable, bound_method, look_ahead_of
+from hapticnet.scene.base import Touchable, bound_method, copy_method, lead_limit_n, look_ahead_of
 from hapticnet.scene.measured import MeasuredScene
 from hapticnet.user_code import raised
 
@@ -308,6 +308,9 @@ class Admission:
         # Only a scene that says how its force may change is stepped at positions that the master did not send.
         says = request.announced and self._settings.announces != "nothing"
         announced = says and look_ahead_of(scene) is not None
+        # A codec that follows the hand's own position would be judged where a robot is that moves ahead.
+        may_lead = lead_limit_n(scene) > 0.0 and not codec.needs_position and not announced
+        predicted = request.predicted and (copy_method(scene) is not None or may_lead)
         share = request.position_share if bound_method(scene) is not None else 0.0
         codec = with_share(codec, share) if share else codec
         rate_hz = min(request.rate_hz, self._settings.fastest_rate_hz)
@@ -325,7 +328,17 @@ class Admission:
         ticket = random_bytes(self._rng, TICKET_BYTES)
         return SlaveContext(
             session,
-            Grant(session.number, rate_hz, timings.keepalive_us, scene.name, ticket, old is not None, announced, share),
+            Grant(
+                session.number,
+                rate_hz,
+                timings.keepalive_us,
+                scene.name,
+                ticket,
+                resumed=old is not None,
+                announced=announced,
+                position_share=share,
+                predicted=predicted,
+            ),
             address,
             identity,
             scene,

@@ -21,9 +21,16 @@ class _Stream:
     """The forces of one session, on their way from a payload to a force."""
 
     def __init__(
-        self, codec: Codec, axes: int, stiffest_n_per_m: float | None, allowance: Allowance, *, on_a_line: bool
+        self,
+        codec: Codec,
+        axes: int,
+        stiffest_n_per_m: float | None,
+        allowance: Allowance,
+        *,
+        on_a_line: bool,
+        predicted: bool,
     ) -> None:
-        self.decoder: Decoder = receiver(codec, axes)
+        self.decoder: Decoder = receiver(codec, axes, predicted=predicted)
         self.announced: AnnouncedDecoder | None = None
         if stiffest_n_per_m is not None:
             self.decoder = self.announced = AnnouncedDecoder(self.decoder, axes, stiffest_n_per_m, allowance)
@@ -107,7 +114,7 @@ class AppliedForce:
         self.ticks_on_model = 0  # ticks in which the force was that of an announced model
         self._axes = axes
         self._allowance = Allowance()
-        self._stream = _Stream(codec, axes, None, self._allowance, on_a_line=False)
+        self._stream = _Stream(codec, axes, None, self._allowance, on_a_line=False, predicted=False)
         self._next: _Stream | None = None  # that of a session which has sent no force yet
         self._predictor = ForcePredictor(axes)
         self._hold = Hold(settings, axes=axes)
@@ -123,13 +130,18 @@ class AppliedForce:
         """Whether the force is that of an announced model."""
         return self._stream.on_model
 
-    def begin(self, codec: Codec, stiffest_n_per_m: float | None = None, *, on_a_line: bool = False) -> bool:
+    def begin(
+        self, codec: Codec, stiffest_n_per_m: float | None = None, *, on_a_line: bool = False, predicted: bool = False
+    ) -> bool:
         """Begin a session: the one before is applied until the first force arrives. Return whether there is none.
 
         `stiffest_n_per_m` is the limit of models of the contact ahead [N/m]; None if nothing is announced. `on_a_line`
-        tells whether positions are sent only when they matter.
+        tells whether positions are sent only when they matter, `predicted` whether forces are those where the hand will
+        be.
         """
-        self._next = _Stream(codec, self._axes, stiffest_n_per_m, self._allowance, on_a_line=on_a_line)
+        self._next = _Stream(
+            codec, self._axes, stiffest_n_per_m, self._allowance, on_a_line=on_a_line, predicted=predicted
+        )
         if self._stream.heard_us is not None:
             return False
         self._go_on_with(self._next)

@@ -16,7 +16,10 @@ from hapticnet.codec.base import Codec
 from hapticnet.control.hold import PassivityController
 from hapticnet.errors import PeerError
 from hapticnet.node.decoders import receiver
-from hapticnet.samples import Vector
+from hapticnet.node.hand_predictor import ForceAhead
+from hapticnet.protocol.stats import RoundTrip
+from hapticnet.samples import PositionSample, Vector
+from hapticnet.scene.base import Touchable
 
 POSITION_BYTES: Final = 20  # size of a datagram with a position [B], for a bottleneck
 
@@ -30,8 +33,9 @@ class Felt(NamedTuple):
 
 
 class _Update(NamedTuple):
-    """A payload, and the time [µs] of the position that it answers."""
+    """A payload, its number, and the time [µs] of the position that it answers."""
 
+    number: int
     t_us: int
     payload: bytes
 
@@ -47,6 +51,7 @@ def simulate_link(
     repair_us: int,
     rng: np.random.Generator,
     passive: bool = False,
+    scene: Touchable | None = None,
 ) -> Felt:
     """Play a recorded hand over a network: a master with a tick at each sample, and a slave that answers on arrival.
 
@@ -54,9 +59,11 @@ def simulate_link(
     `positions`: position of the tool at each tick [m], shape (n, a), if known.
     `repair_us`: time [µs] after which the slave knows that an update was lost. It then sends the next stimulus, unless
     a later update got through.
+    `scene`: what the hand touches, at rest: the slave answers for where the hand will be, on a copy of it; None: for
+    where it was.
     Raise SampleError if the codec refuses a sample.
     """
-    link = _Link(codec, t_us, stimuli, positions, forward, feedback, repair_us, rng)
+    link = _Link(codec, t_us, stimuli, positions, forward, feedback, repair_us, rng, scene)
     applied = np.array([link.tick(index) for index in range(len(t_us))], dtype=np.float64).reshape(stimuli.shape)
     if passive and positions is not None:
         applied = damped(applied, positions, codec.law.floor_n)
@@ -83,6 +90,7 @@ class _Link:
         feedback: ChannelSettings,
         repair_us: int,
         rng: np.random.Generator,
+        scene: Touchable | None,
     ) -> None:
         axes = stimuli.shape[1]
         self._times_us: list[int] = t_us.tolist()
@@ -90,26 +98,32 @@ class _Link:
         self._positions: list[Vector | None] = [None] * len(stimuli)
         if positions is not None:
             self._positions = list(zip(*positions.T.tolist(), strict=True))
-        self._encoder, self._decoder = codec.encoder(axes), receiver(codec, axes)
+        self._encoder, self._decoder = codec.encoder(axes), receiver(codec, axes, predicted=scene is not None)
         forward_rng, feedback_rng = rng.spawn(2)
-        self._forward = Emulator[int](forward, forward_rng)
+        self._forward = Emulator[tuple[int, int]](forward, forward_rng)
         self._feedback = Emulator[_Update](feedback, feedback_rng)
         self._repair_us = repair_us
         self._newest = -1
         self._missing_since_us: int | None = None
         self._heard: tuple[int, int] | None = None  # the time of the newest update, and when it came
         self.sent = self.received = 0
+        self._named = 0
+        self._scene = scene
+        period_us = self._times_us[1] - self._times_us[0] if len(self._times_us) > 1 else 1000
+        self._ahead = None if scene is None else ForceAhead(scene, period_us)
+        self._round_trip = RoundTrip()
 
     def tick(self, index: int) -> Vector:
         """Send the position of a tick, process all that arrives until then, and return what is applied."""
         now_us = self._times_us[index]
-        self._forward.push(index, POSITION_BYTES, now_us)
+        self._forward.push((index, self._named), POSITION_BYTES, now_us)
         while True:
             timers = self._forward.next_timer_us(), self._feedback.next_timer_us()
             due_us = min((timer for timer in timers if timer is not None), default=now_us + 1)
             if due_us > now_us:
                 break
-            for position in self._forward.due(due_us):
+            for position, named in self._forward.due(due_us):
+                self._round_trip.named(named, due_us)
                 self._answer(position, due_us)
             for update in self._feedback.due(due_us):
                 self._receive(update, due_us)
@@ -129,12 +143,20 @@ class _Link:
             self._encoder.refresh()
             self._missing_since_us = None
         t_us = self._times_us[index]
-        payload = self._encoder.encode(t_us, self._stimuli[index], self._positions[index])
+        stimulus, position = self._stimuli[index], self._positions[index]
+        if self._scene is not None and self._ahead is not None and position is not None:
+            at = PositionSample(t_us, position)
+            self._scene.step(at)
+            predicted = self._ahead.answer(at, t_us, self._round_trip.us)
+            if predicted is not None:
+                position, stimulus = predicted
+        payload = self._encoder.encode(t_us, stimulus, position)
         if payload is None:
             return
         self.sent += 1
+        self._round_trip.sent(self.sent, now_us)
         lost = self._feedback.counters.lost
-        self._feedback.push(_Update(t_us, payload), len(payload), now_us)
+        self._feedback.push(_Update(self.sent, t_us, payload), len(payload), now_us)
         if self._feedback.counters.lost == lost:
             self._missing_since_us = None
         elif self._missing_since_us is None:
@@ -151,4 +173,5 @@ class _Link:
                 self._missing_since_us = now_us
             return
         self.received += 1
+        self._named = update.number
         self._heard = update.t_us, now_us

@@ -368,9 +368,12 @@ class BoundedPredictingDecoder(BoundedDecoder):
         return self._limited(cast("Predictive", self.inner).predict(t_us, position, position_us))
 
 
-def receiver(codec: Codec, axes: int) -> Decoder:
-    """Return a decoder for what is applied: a bounded one if the codec follows the receiver's own position."""
-    if not codec.needs_position:
+def receiver(codec: Codec, axes: int, *, predicted: bool = False) -> Decoder:
+    """Return a decoder for what is applied: a bounded one if the codec follows the receiver's own position.
+
+    `predicted`: whether the slave judges what is applied where it expects the hand to be now, and not where it was.
+    """
+    if not codec.needs_position or predicted:
         return codec.decoder(axes)
     predicts = isinstance(codec.decoder(axes), Predictive)
     return BoundedPredictingDecoder(codec, axes) if predicts else BoundedDecoder(codec, axes)

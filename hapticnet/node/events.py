@@ -38,6 +38,7 @@ class SettingsInForce:
     rate_hz: float  # this and the next three as the slave has granted them
     position_share: float
     announced: bool
+    predicted: bool
     scene: str
     # networks that are emulated at this end, as written for ``--channel-out``; None: none
     channel_out: str | None = None
@@ -55,6 +56,7 @@ class SettingsInForce:
             rate_hz=min(request.rate_hz, grant.rate_hz),
             position_share=grant.position_share,
             announced=grant.announced,
+            predicted=grant.predicted,
             scene=grant.scene,
         )
 

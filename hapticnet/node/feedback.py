@@ -67,6 +67,8 @@ class AnnouncingEncoder:
         self._model: ContactModel | None = None  # what the master applies; None: what the codec says
         self._now: tuple[int, Vector] | None = None
         self._before: tuple[int, Vector] | None = None
+        self.predicted: tuple[Vector, Vector] | None = None
+        """Position [m] and force [N] for which the codec answers in place of the present ones; None: those."""
         self._refresh = True
         self._repeats = self._was_right = self._renews = False
         self._right = 0
@@ -215,6 +217,8 @@ class AnnouncingEncoder:
         """Return what the codec sends; after a model, an update that needs no earlier one."""
         if self._refresh or self._model is not None:
             self._inner.refresh()
+        if self.predicted is not None:
+            position, stimulus = self.predicted
         payload = self._inner.encode(t_us, stimulus, position)
         self._refresh = False
         return None if payload is None else OF_CODEC + payload
@@ -251,6 +255,7 @@ class Feedback:
         self._session = session
         self._codec = codec
         self._idle_below_n = slave_idle_below_n(codec.law)
+        self._predicted: tuple[Vector, Vector] | None = None
         self._missed = False
         self._longest_us = round(1.5e6 / rate_hz)  # longest time between two positions if none is missing
         self._t_us: int | None = None
@@ -277,9 +282,17 @@ class Feedback:
             self._announcing.step(sample.t_us, sample.position_m, state)
             self._models.move(sample.t_us, sample.position_m, state)
 
-    def answer(self, sample: PositionSample, force_n: Vector, now_us: int) -> tuple[bytes | None, bytes | None]:
-        """Return payload and datagram that answer a force, None where there is none; SceneFailedError if that fails."""
+    def answer(
+        self, sample: PositionSample, force_n: Vector, now_us: int, predicted: tuple[Vector, Vector] | None
+    ) -> tuple[bytes | None, bytes | None]:
+        """Return payload and datagram that answer a force, None where there is none; SceneFailedError if that fails.
+
+        `predicted`: position [m] and force [N] for which the codec is to answer instead. Models go on from the present.
+        """
         session = self._session
+        self._predicted = predicted
+        if predicted is not None and self._announcing is None:
+            sample, force_n = PositionSample(sample.t_us, predicted[0]), predicted[1]
         try:
             due = session.repair.is_due(now_us, force_n)
             if self._announcing is None:
@@ -292,6 +305,7 @@ class Feedback:
                 if due and not (self.on_model and session.in_step):
                     self.encoder.refresh()
                 self._renew(self._announcing, sample.t_us, now_us)
+                self._announcing.predicted = predicted
             payload = self._encode(sample, force_n)
         except Exception as error:
             raise SceneFailedError(f"the force cannot be encoded: {in_words(error)}") from error
@@ -305,10 +319,11 @@ class Feedback:
 
     def account_sent(self, sample: PositionSample, payload: bytes | None) -> None:
         """Let the mirror read what was sent for a position; SceneFailedError if the codec cannot read what it wrote."""
+        position_m = sample.position_m if self._predicted is None else self._predicted[0]
         try:
             if payload is not None:
                 self.mirror.decode(sample.t_us, payload)
-            self.held_n = self.mirror.reconstruct(sample.t_us, sample.position_m)
+            self.held_n = self.mirror.reconstruct(sample.t_us, position_m)
         except Exception as error:  # a user's codec
             raise SceneFailedError(f"the force cannot be decoded: {in_words(error)}") from error
 

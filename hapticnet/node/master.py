@@ -353,6 +353,7 @@ class MasterNode:
             position_share=self.settings.position_share if self.settings.positions == "line" else 0.0,
             name=self.settings.name,
             announced=self.settings.announced,
+            predicted=self.settings.predicted,
         )
 
     def _ask_operator(self, t_us: int, now_us: int) -> None:
@@ -422,7 +423,7 @@ class MasterNode:
             share = event.grant.position_share
             codec = with_share(self._codec, share) if share else self._codec
             stiffest = stiffest_at(event.grant.rate_hz) if event.grant.announced else None
-            if self._applied.begin(codec, stiffest, on_a_line=share > 0.0):
+            if self._applied.begin(codec, stiffest, on_a_line=share > 0.0, predicted=event.grant.predicted):
                 self._events += self.in_force.begin(self._granted, now_us)
             self._forward.begin(self._codec.law, share)
             if self._port is not None:

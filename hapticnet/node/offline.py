@@ -7,14 +7,14 @@ import numpy.typing as npt
 
 from hapticnet.arrays import FloatArray, IntArray
 from hapticnet.codec.base import Codec, Encoding
-from hapticnet.measure.metrics import ErrorReport, error_report, worst_window_packets
+from hapticnet.measure.metrics import FeltReport, error_report, worst_window_packets
 from hapticnet.protocol.settings import SessionSettings
 from hapticnet.protocol.wire import MODULUS, UDP_IPV4_HEADER_BYTES
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class CostReport(ErrorReport):
-    """Cost and error of a codec on one recording: the fields of `ErrorReport`, and those below."""
+class CostReport(FeltReport):
+    """Cost and error of a codec on one recording: the fields of `FeltReport`, and those below."""
 
     samples: int  # of the recording, and transmitted
     sent: int

@@ -43,6 +43,7 @@ class MasterSettings:
     on_error: OnError = "end"
     device_takes: DeviceTakes = "x"  # the axis of the force that the device renders, or its norm
     announced: bool = False  # whether to ask for models of the contact ahead, and to render them at the own position
+    predicted: bool = False  # whether to ask for forces where the hand will be when they arrive
     passive: bool = False  # whether passivity control damps a force that would return more energy than the hand put in
     first_touch: bool = False  # whether to meet the finger before asking for a session
     session: SessionSettings = field(default_factory=SessionSettings)

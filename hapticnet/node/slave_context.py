@@ -12,6 +12,7 @@ from hapticnet.errors import SampleError, in_words
 from hapticnet.measure.running_error import RunningError
 from hapticnet.node.decoders import read_state
 from hapticnet.node.feedback import Feedback, SceneFailedError
+from hapticnet.node.hand_predictor import ForceAhead
 from hapticnet.node.positions import VELOCITY_STEP_US, DeadReckoning
 from hapticnet.node.recording import DATAGRAM_COLUMNS, IN, OUT, Recording, frame_kind, slave_columns
 from hapticnet.node.settings import SlaveSettings
@@ -27,8 +28,9 @@ MOST_SUCCESSORS: Final = 16
 """Sessions that are to continue one that are remembered: a master whose link is bad may need several tries."""
 
 
-_Answered: TypeAlias = tuple[PositionSample, Vector, bytes | None, bytes | None, int]
-"""An answer that is not accounted for yet: position, force, payload of the FORCE if any, datagram, and when [µs]."""
+_Answered: TypeAlias = tuple[PositionSample, Vector, Vector, bytes | None, bytes | None, int]
+"""An answer that is not accounted for yet: position, its force, the force that was coded, payload of the FORCE if any,
+datagram, and when [µs]."""
 
 
 class SlaveContext:
@@ -93,6 +95,7 @@ class SlaveContext:
         self._answered: _Answered | None = None
         self._positions = Raw().decoder(scene.axes)
         self._feedback: Feedback | None = None
+        self._ahead: ForceAhead | None = None
         self._period_us = 1e6 / grant.rate_hz
         self._scene_time = times.of(getattr(scene, "what", f"scene {scene.name}"))
         self._codec_time = times.of_codec(codec)
@@ -107,6 +110,8 @@ class SlaveContext:
             self._feedback = Feedback(
                 self.session, self.codec, self.scene, announced=self.grant.announced, rate_hz=self.grant.rate_hz
             )
+            if self.grant.predicted:
+                self._ahead = ForceAhead(self.scene, round(self._period_us))
         return self._feedback
 
     def is_own(self, ticket: bytes) -> bool | None:
@@ -175,6 +180,7 @@ class SlaveContext:
             self._shift_us = self._begin(sample.t_us, now_us)
         try:
             if self.reckoning is None:
+                sample = self._led(sample)
                 return self._answer(sample, self._step(sample), now_us)
             return self._answer_line(self.reckoning, sample, now_us)
         except SampleError:
@@ -236,11 +242,17 @@ class SlaveContext:
         if self.reckoning is not None:
             self.reckoning.answered(sample.t_us)
         self.steps += 1
+        feedback = self.feedback
+        predicted = None
+        if self._ahead is not None and self.paused is None:
+            line = None if self.reckoning is None else self.reckoning.line
+            predicted = self._ahead.answer(sample, self._scene_us, self.session.round_trip.us, line)
         self._codec_time.begin()
-        payload, datagram = self.feedback.answer(sample, force_n, now_us)
+        payload, datagram = feedback.answer(sample, force_n, now_us, predicted)
         self._codec_time.end(self._period_us)
         self._stepped_us = now_us
-        self._answered = sample, force_n, payload, datagram, now_us
+        coded_n = force_n if predicted is None or feedback.on_model else predicted[1]
+        self._answered = sample, force_n, coded_n, payload, datagram, now_us
         return datagram
 
     def account_sent(self) -> None:
@@ -248,11 +260,11 @@ class SlaveContext:
         answered, self._answered = self._answered, None
         if answered is None:
             return
-        sample, force_n, payload, datagram, now_us = answered
+        sample, force_n, coded_n, payload, datagram, now_us = answered
         self.feedback.account_sent(sample, payload)
         held_n = self.feedback.held_n
         self.newest = sample.t_us, sample.position_m, force_n, held_n, payload is not None
-        self._error.add(force_n, held_n)
+        self._error.add(coded_n, held_n)
         size = 0 if datagram is None else len(datagram)
         if self.recording is not None:
             vectors = *sample.position_m, *force_n, *held_n
@@ -288,6 +300,14 @@ class SlaveContext:
         self.feedback.step(sample, self._master_state)
         self._master_state = None
         return force_n
+
+    def _led(self, sample: PositionSample) -> PositionSample:
+        """Return where to step the scene: where the hand is expected, if a robot moves ahead by itself."""
+        if self._ahead is None:
+            return sample
+        force_n = self._zero_n if self.newest is None else self.newest[2]
+        position_m = self._ahead.lead(sample, self.session.round_trip.us, force_n)
+        return sample if position_m is None else PositionSample(sample.t_us, position_m)
 
     def _fail(self, error: Exception) -> None:
         """End or pause the session, because the scene has failed."""
@@ -328,6 +348,7 @@ class SlaveContext:
             "superseded": self.superseded,
             "breaches": breaches_of(self.scene),
             "announced": self.feedback.report(),
+            "predicted": None if self._ahead is None else self._ahead.report(),
             "packet_rate_reduction": 1.0 - forces / self.steps if self.steps else None,
             **asdict(self._error.report()),
             "sent": self.session.sent.report(),

@@ -19,6 +19,7 @@ from hapticnet.protocol.messages import (
     Hello,
     Refusal,
     Request,
+    pack_contents,
     pack_hello,
     unpack_cookie,
     unpack_grant,
@@ -31,7 +32,7 @@ from hapticnet.protocol.noise import Initiator, Responder, public_key
 from hapticnet.protocol.seal import Seal
 from hapticnet.protocol.settings import Entropy, SessionSettings
 from hapticnet.protocol.states import Hinted
-from hapticnet.protocol.wire import MODULUS, OPEN, SEALED, Datagram, Kind, pack_body
+from hapticnet.protocol.wire import MODULUS, OPEN, SEALED, Datagram, Kind
 
 MAC_BYTES: Final = 16
 
@@ -72,7 +73,7 @@ class Attempt:
         self.version = OPEN
         self.nonce = nonce
         self._sequence = sequence
-        self._request = pack_body(request)
+        self._request = pack_contents(request)
         self._mac = b""
 
     def hello(self, cookie: bytes) -> bytes:
@@ -120,8 +121,8 @@ class Visitor(NamedTuple):
     responder: Responder | None  # the key exchange under way; None: open session
 
     def answer(self, payload: Grant | Refusal) -> tuple[bytes, Seal | None]:
-        """Return a grant or refusal in the form of a WELCOME, and the seal of the session."""
-        packed = pack_body(payload)
+        """Return a grant or refusal as a WELCOME carries it, and the seal of the session."""
+        packed = pack_contents(payload)
         if self.responder is None:
             return packed, None
         noise2, keys = self.responder.write(packed, NO_PSK if self.entry is None else self.entry.psk)
@@ -280,6 +281,8 @@ class Asking:
         """Raise PeerError if a grant contains something not requested: raw positions, for instance, are a choice."""
         if grant.announced and not self._request.announced:
             raise PeerError("the grant announces the contact ahead, which was not asked for")
+        if grant.predicted and not self._request.predicted:
+            raise PeerError("the grant predicts the hand, which was not asked for")
         share, asked = grant.position_share, self._request.position_share
         if share and not math.isclose(share, asked, rel_tol=1e-6):  # a peer may compute with float32
             raise PeerError(f"the grant gives positions a share of {share:g} of the JND; {asked:g} was asked for")

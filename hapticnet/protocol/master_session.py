@@ -228,7 +228,7 @@ class MasterSession:
                 if stream.is_confirmed_by(keepalive.newest_force):
                     if keepalive.bound is not None or stream.loss.estimate() is not None:  # the slave waits for it
                         stream.acknowledge(datagram.sequence, now_us)
-                    stream.confirmed = datagram.sequence
+                    stream.confirm(datagram.sequence, now_us)
                     self.events.append(HoldConfirmed(t_us))
         elif kind is Kind.CLOSE:
             close = unpack_close(body)
@@ -324,7 +324,7 @@ class MasterSession:
             seal,
             sequence=wrap(self._settings.first_sequence + 1),
             welcome=sequence,
-            reports_loss=grant.position_share > 0.0,
+            sparse=grant.position_share > 0.0,
         )
         self._fresh.heard(now_us)
         self._fresh.ahead_us = 3 * LONGEST_SILENCE_US // 2 if grant.position_share else 0

@@ -2,7 +2,7 @@
 
 from typing import TYPE_CHECKING, Final
 
-from hapticnet.protocol.messages import Position, pack_position
+from hapticnet.protocol.messages import WAITED_MS, Position, pack_position
 from hapticnet.protocol.seal import LAST_SEQUENCE, Seal
 from hapticnet.protocol.stats import REPORT_EVERY, LossEstimate
 from hapticnet.protocol.wire import MOST, Datagram, Kind, distance, pack, pack_body, wrap
@@ -93,19 +93,20 @@ before its last number."""
 class MasterStream:
     """Number and seal datagrams, and keep track of the applied forces.
 
-    `welcome`: sequence number of the WELCOME, from which the slave's datagrams count.
-    `reports_loss`: whether each position reports loss, if any, because positions are few.
+    `welcome`: sequence number of the WELCOME, which those of the slave's datagrams follow.
+    `sparse`: whether positions are few. Each then reports loss, if there is any, and how long what it names has waited.
     """
 
-    def __init__(self, number: int, seal: Seal | None, *, sequence: int, welcome: int, reports_loss: bool) -> None:
+    def __init__(self, number: int, seal: Seal | None, *, sequence: int, welcome: int, sparse: bool) -> None:
         self.number = number
         self.seal = seal
         self.sequence = sequence  # sequence number of the next datagram to send
         self.newest_force: int | None = None  # sequence number of the newest FORCE applied; None before the first
-        self.confirmed: int | None = None  # that number, or the number of a later KEEPALIVE that confirmed it
+        self.confirmed: int | None = None  # that number, or that of a KEEPALIVE since which confirmed it
+        self._confirmed_us = 0  # when that datagram arrived
         self.loss = LossEstimate(welcome)
         self.window: ArrivalWindow | None = None  # sorts the slave's datagrams; None before it is opened
-        self._reports_loss = reports_loss
+        self._sparse = sparse
         self._positions = 0
         self._since_us: int | None = None  # start of the wait for an acknowledgement
 
@@ -129,12 +130,13 @@ class MasterStream:
         """Return the body of a POSITION of time `t_us` [µs], which acknowledges the newest arrivals."""
         self._positions += 1
         self._since_us = None
-        is_report = self._reports_loss or not self._positions % REPORT_EVERY
+        is_report = self._sparse or not self._positions % REPORT_EVERY
         loss = self.loss.estimate() if is_report else None
-        if loss is None:
-            # Like `pack_position`, without an intermediate object.
+        waited_ms = min(max(t_us - self._confirmed_us, 0) // 1000, int(WAITED_MS.largest)) if self._sparse else 0
+        if loss is None and not waited_ms:
+            # As `pack_position`, without an object in between.
             return pack_body((t_us & MOST, self.confirmed, payload))
-        return pack_position(Position(wrap(t_us), self.confirmed, payload, loss))
+        return pack_position(Position(wrap(t_us), self.confirmed, payload, loss, waited_ms))
 
     def open(self, data: bytes, datagram: Datagram) -> bytes:
         """Return the body of a datagram of this session; raise PeerError if it does not open."""
@@ -142,9 +144,13 @@ class MasterStream:
 
     def acknowledge(self, sequence: int, now_us: int) -> None:
         """Acknowledge a datagram with the next position."""
-        self.confirmed = sequence
+        self.confirm(sequence, now_us)
         if self._since_us is None:
             self._since_us = now_us
+
+    def confirm(self, sequence: int, now_us: int) -> None:
+        """Name a datagram in the positions to come, without haste."""
+        self.confirmed, self._confirmed_us = sequence, now_us
 
     def owes_since(self, delay_us: int, now_us: int) -> bool:
         """Return whether an acknowledgement has been due for `delay_us`."""

@@ -45,6 +45,7 @@ HELLO_SEQUENCE: Final = Range("sequence of a sealed HELLO", 0, (1 << 20) - 1)
 """The first epoch of keys (`protocol.seal`): a session that began later could not open its datagrams."""
 
 PERCENT: Final = Range("loss", 0, 100, "%")  # shares in the report of loss
+WAITED_MS: Final = Range("wait", 0, 255, "ms")
 
 
 HELLO_BYTES: Final = 400
@@ -91,7 +92,8 @@ class Request(NamedTuple):
     `ticket` is that of a session whose scene it wants to go on with, or None. `clock_us` is what the master's clock
     shows when it asks [µs]: time stamps of positions are its lower 32 bits, so that with it both sides record the same
     times. `announced` tells whether it renders models of the contact ahead. `position_share` is the share of the JND
-    that positions may use, if they are to be sent only when they matter; 0: every position is sent.
+    that positions may use, if they are to be sent only when they matter; 0: every position is sent. `predicted` asks
+    for forces where the hand will be when they arrive.
     """
 
     codec: str
@@ -106,6 +108,7 @@ class Request(NamedTuple):
     clock_us: int = 0
     announced: bool = False
     position_share: float = 0.0
+    predicted: bool = False
 
     def check(self) -> None:
         """Raise SettingsError if a number is out of its range; codec and perception check theirs."""
@@ -138,6 +141,7 @@ class Grant(NamedTuple):
     resumed: bool  # whether this session goes on with the scene of an earlier one
     announced: bool = False  # whether the contact ahead is announced (docs/refer/payloads.md)
     position_share: float = 0.0  # as in the request; 0 if the master must send every position
+    predicted: bool = False  # whether the forces are those where the hand will be when they arrive
 
     def __repr__(self) -> str:
         """Return the fields without the ticket, which is not for logs."""
@@ -168,6 +172,7 @@ class Position(NamedTuple):
     newest: int | None  # sequence of the newest FORCE applied, or of a KEEPALIVE after it that confirmed it
     payload: bytes  # the position
     loss: Loss | None = None  # how many of the slave's datagrams the master misses; None: not reported
+    waited_ms: int = 0  # for how long what it names had arrived, where positions are few
 
 
 class Force(NamedTuple):
@@ -215,10 +220,17 @@ def unpack_hello(body: bytes) -> Hello:
     return Hello(nonce, cookie, request, mac)
 
 
+def pack_contents(contents: Request | Grant | Refusal) -> bytes:
+    """Return a packed request, grant or refusal. `predicted` comes last, and is left out if it is false."""
+    predicted = isinstance(contents, Refusal) or contents.predicted
+    return pack_body(contents if predicted else contents[:-1])
+
+
 def unpack_request(packed: bytes) -> Request:
     """Return the request of a HELLO; raise PeerError if it is invalid. `Request.check` says what is out of range."""
-    fields = unpack_body(packed, 12)
-    codec, parameters, *law, rate_hz, axes, name, ticket, clock_us, announced, share = fields
+    fields = unpack_body(packed, 12, optional=1)
+    codec, parameters, *law, rate_hz, axes, name, ticket, clock_us, announced, share = fields[:12]
+    predicted = len(fields) > 12 and fields[12]
     _require(_is_text(codec, NAME_BYTES), "codec", codec)
     _require(type(parameters) is dict, "parameters", parameters)
     for key, value in parameters.items():
@@ -231,10 +243,11 @@ def unpack_request(packed: bytes) -> Request:
     _require(type(clock_us) is int and CLOCK_US.has(clock_us), "clock", clock_us)
     _require(type(announced) is bool, "announced", announced)
     _require(_is_number(share), "share of positions", share)
+    _require(type(predicted) is bool, "predicted", predicted)
     numbers = {key: float(value) for key, value in parameters.items()}
     weber_fraction, floor_n, multiplier = map(float, law)
     law_and_rate = weber_fraction, floor_n, multiplier, float(rate_hz)
-    return Request(codec, numbers, *law_and_rate, axes, name, ticket, clock_us, announced, float(share))
+    return Request(codec, numbers, *law_and_rate, axes, name, ticket, clock_us, announced, float(share), predicted)
 
 
 def unpack_cookie(body: bytes) -> Cookie:
@@ -255,7 +268,8 @@ def unpack_welcome(body: bytes) -> Welcome:
 
 def unpack_grant(packed: bytes) -> Grant:
     """Return the grant of a WELCOME; raise PeerError if it is invalid."""
-    session, rate_hz, keepalive_us, scene, ticket, resumed, announced, share = unpack_body(packed, 8)
+    session, rate_hz, keepalive_us, scene, ticket, resumed, announced, share, *more = unpack_body(packed, 8, optional=1)
+    predicted = bool(more) and more[0]
     _require(is_uint32(session) and session > 0, "session", session)
     _require(_is_number(rate_hz) and RATE_HZ.has(rate_hz), "rate", rate_hz)
     _require(type(keepalive_us) is int and KEEPALIVE_US.has(keepalive_us), "keepalive interval", keepalive_us)
@@ -264,7 +278,8 @@ def unpack_grant(packed: bytes) -> Grant:
     _require(type(resumed) is bool, "resumed", resumed)
     _require(type(announced) is bool, "announced", announced)
     _require(_is_number(share) and POSITION_SHARE.has(share), "share of positions", share)
-    return Grant(session, float(rate_hz), keepalive_us, scene, ticket, resumed, announced, float(share))
+    _require(type(predicted) is bool, "predicted", predicted)
+    return Grant(session, float(rate_hz), keepalive_us, scene, ticket, resumed, announced, float(share), predicted)
 
 
 def unpack_grant_or_refusal(packed: bytes) -> Grant | Refusal:
@@ -288,16 +303,15 @@ def unpack_refuse(body: bytes) -> Refuse:
 
 
 def pack_position(position: Position) -> bytes:
-    """Return the body of a POSITION; a report of loss adds two fields of a byte each."""
-    loss = position.loss
-    if loss is None:
-        return pack_body(position[:3])
-    return pack_body((*position[:3], *(round(REPORT_STEPS * share) for share in loss)))
+    """Return the body of a POSITION; a report of loss adds two fields of a byte each, and a wait one."""
+    loss, waited_ms = position.loss, position.waited_ms
+    report = () if loss is None else tuple(round(REPORT_STEPS * share) for share in loss)
+    return pack_body((*position[:3], *report, *((waited_ms,) if waited_ms else ())))
 
 
 def unpack_position(body: bytes) -> Position:
     """Return the POSITION in a body; raise PeerError if it is invalid."""
-    fields = unpack_body(body, 3, optional=2)
+    fields = unpack_body(body, 3, optional=3)
     t_us, newest, payload = fields if len(fields) == 3 else fields[:3]
     # Written out instead of calling `is_uint32`: every force waits for this.
     if not (
@@ -307,12 +321,16 @@ def unpack_position(body: bytes) -> Position:
         and type(payload) is bytes
     ):
         raise PeerError("POSITION of the wrong types")
-    if len(fields) < 5:
-        return new_tuple(Position, (t_us, newest, payload, None))
-    share, again = fields[3:]
+    if len(fields) == 3:
+        return new_tuple(Position, (t_us, newest, payload, None, 0))
+    waited_ms = 0 if len(fields) == 5 else fields[-1]
+    _require(type(waited_ms) is int and WAITED_MS.has(waited_ms), "wait", waited_ms)
+    if len(fields) == 4:
+        return Position(t_us, newest, payload, None, waited_ms)
+    share, again = fields[3:5]
     for percent in share, again:
         _require(type(percent) is int and PERCENT.has(percent), "loss in per cent", percent)
-    return Position(t_us, newest, payload, Loss(share / REPORT_STEPS, again / REPORT_STEPS))
+    return Position(t_us, newest, payload, Loss(share / REPORT_STEPS, again / REPORT_STEPS), waited_ms)
 
 
 def pack_answer(answer: Force | Keepalive) -> bytes:

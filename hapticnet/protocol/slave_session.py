@@ -23,7 +23,7 @@ from hapticnet.protocol.repair import Repair
 from hapticnet.protocol.seal import LAST_SEQUENCE, Seal
 from hapticnet.protocol.settings import SessionSettings
 from hapticnet.protocol.states import SLAVE_TRANSITIONS, SlaveState, Trigger
-from hapticnet.protocol.stats import Arrival, Traffic
+from hapticnet.protocol.stats import Arrival, RoundTrip, Traffic
 from hapticnet.protocol.wire import OPEN, SEALED, Datagram, Kind, distance, pack, pack_body, unwrap, wrap
 from hapticnet.samples import Vector
 
@@ -71,6 +71,7 @@ class SlaveSession:
         self.heard_us = now_us
         law = WeberLaw(weber_fraction=request.weber_fraction, floor_n=request.floor_n, multiplier=request.multiplier)
         self.repair = Repair(settings, law, now_us, sparse=sparse)
+        self.round_trip = RoundTrip()
         self._policed = TokenBucket(POLICED_SHARE * rate_hz, max(32.0, POLICED_BURST_S * rate_hz))
 
     def welcome(self, nonce: int, answer: bytes, seal: Seal | None) -> bytes:
@@ -99,7 +100,7 @@ class SlaveSession:
                 received.stray += 1
                 return None
         if datagram.kind is _POSITION:
-            t_us, newest, payload, loss = unpack_position(body)
+            t_us, newest, payload, loss, waited_ms = unpack_position(body)
             place = read(payload)  # the last that can fail
             received.add(_POSITION, len(data))
             if received.arrive(datagram.sequence) is not _NEW:
@@ -116,6 +117,7 @@ class SlaveSession:
                 self._move(Trigger.POSITION)
             self.in_step = False
             if newest is not None:
+                self.round_trip.named(newest, now_us - 1000 * waited_ms)
                 if self._sent_since is not None:
                     self._note_bound_known(newest)
                 self.repair.acknowledged(newest, now_us)
@@ -201,6 +203,7 @@ class SlaveSession:
             self.repair.spoke(now_us)  # anything else does not show that positions arrive
             if self.has_news:
                 self._sent_since = self._sequence
+            self.round_trip.sent(self._sequence, now_us)
         if self.seal is None:
             datagram = pack(kind, self.number, self._sequence, body)
         else:

@@ -2,6 +2,7 @@
 
 import enum
 import math
+from collections import deque
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Final, NamedTuple
@@ -205,6 +206,37 @@ def datagrams_needed(loss: Loss, window_us: float, silences_per_s: float) -> int
         if datagrams * starts_per_s * again ** float(datagrams - 1) <= silences_per_s:
             return datagrams
     return MOST_DATAGRAMS
+
+
+MEDIAN_OF: Final = 9  # round trips whose median counts: a lasting change is followed after five of them
+LONGEST_ROUND_TRIP_US: Final = 1_000_000  # an answer that no position has named after that is not timed any more
+
+
+class RoundTrip:
+    """The time from an answer to the first position that names it, which is when the master applies it.
+
+    One answer at a time is timed. If a later one is named first, it was lost or overtaken, and says nothing.
+    """
+
+    def __init__(self) -> None:
+        self.us = 0  # 0 before the first
+        self._timed: tuple[int, int] | None = None  # number of the answer that is timed, and when it was sent [µs]
+        self._newest_us: deque[int] = deque(maxlen=MEDIAN_OF)
+
+    def sent(self, sequence: int, now_us: int) -> None:
+        """Time an answer, unless another one is."""
+        if self._timed is None or not 0 <= now_us - self._timed[1] < LONGEST_ROUND_TRIP_US:
+            self._timed = sequence, now_us
+
+    def named(self, sequence: int, now_us: int) -> None:
+        """Note which answer a position names."""
+        timed = self._timed
+        if timed is None or distance(sequence, timed[0]) < 0:
+            return
+        if sequence == timed[0] and now_us >= timed[1]:
+            self._newest_us.append(now_us - timed[1])
+            self.us = sorted(self._newest_us)[len(self._newest_us) // 2]
+        self._timed = None
 
 
 @dataclass(slots=True)

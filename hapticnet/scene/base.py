@@ -1,5 +1,6 @@
 """What a master touches: the interface of a virtual scene, a robot, an engine or a recording, and objects of users."""
 
+import math
 from collections.abc import Callable, Sequence
 from typing import Any, Final, Protocol
 
@@ -22,6 +23,13 @@ class Touchable(Protocol):
     If it has a method ``stiffness_bound()``, that returns a `StiffnessBound` for the newest position, or None where it
     cannot tell now. Such a scene may be stepped at positions that the master did not send, but that are within the box
     of the newest bound. A robot that moves at each step may have it; one that must not move without an order must not.
+
+    If it has a method ``copy()``, that returns an independent scene in the same state, in some 10 µs. A slave steps
+    copies at positions that it expects, and throws them away. Copies must move nothing that is real.
+
+    What is real and has no copy may have an attribute ``moves_ahead_n``: it may be stepped at positions where the hand
+    is expected, while the round trip is short (`node.hand_predictor.LONGEST_LEAD_US`) and the force is below so many
+    newtons. **It then moves to places where the hand may never be.**
     """
 
     @property
@@ -52,6 +60,17 @@ def bound_method(scene: Touchable) -> Callable[[], StiffnessBound | None] | None
     return bound
 
 
+def copy_method(scene: Touchable) -> Callable[[], Touchable] | None:
+    """Return the method ``copy`` of a scene; None if it cannot be copied."""
+    copy: Callable[[], Touchable] | None = getattr(scene, "copy", None)
+    return copy
+
+
+def lead_limit_n(scene: Touchable) -> float:
+    """Return the force [N] up to which a scene may be stepped where the hand is expected; 0 if it must not be."""
+    return float(getattr(scene, "moves_ahead_n", 0.0))
+
+
 def breaches_of(scene: Touchable) -> int:
     """Return how many surfaces were breached so far; 0 if the scene does not know."""
     return int(getattr(scene, "breaches", 0))
@@ -71,13 +90,25 @@ class UserScene:
     """An object of the user's, with its results checked. Satisfies `Touchable`.
 
     Its ``step(sample)`` is called with a `PositionSample` and returns a `ForceSample`, a number, or a sequence of
-    numbers, one for each axis [N]. Optional attributes: ``axes`` (1 to 3; default 1), ``name`` and ``breaches``;
-    optional methods: ``welcome(master)``, ``ahead()`` and ``stiffness_bound()``. `what` names the object in messages,
-    such as "scene own.py:Mine". Raise SettingsError if ``step`` cannot be called with one argument, or an attribute
-    cannot be used.
+    numbers, one for each axis [N]. Optional attributes: ``axes`` (1 to 3; default 1), ``name``, ``breaches`` and
+    ``moves_ahead_n``; optional methods: ``welcome(master)``, ``ahead()``, ``stiffness_bound()`` and ``copy()``. `what`
+    names the object in messages, such as "scene own.py:Mine". Raise SettingsError if ``step`` cannot be called with one
+    argument, or an attribute cannot be used.
     """
 
-    __slots__ = ("__weakref__", "_method", "_step", "ahead", "axes", "name", "stiffness_bound", "touched", "what")
+    __slots__ = (
+        "__weakref__",
+        "_method",
+        "_step",
+        "ahead",
+        "axes",
+        "copy",
+        "moves_ahead_n",
+        "name",
+        "stiffness_bound",
+        "touched",
+        "what",
+    )
 
     def __init__(self, touched: HasStep, what: str = "the scene") -> None:
         self.touched = touched
@@ -92,6 +123,12 @@ class UserScene:
         # The object's methods of these names; None if it has none
         self.ahead: LookAhead | None = self._optional("ahead")
         self.stiffness_bound: Callable[[], StiffnessBound | None] | None = self._optional("stiffness_bound")
+        moves_ahead_n = attribute_of(touched, "moves_ahead_n", 0.0, what)
+        if not isinstance(moves_ahead_n, int | float) or not 0.0 <= moves_ahead_n < math.inf:
+            raise SettingsError(f"{what}: moves_ahead_n is {short(moves_ahead_n)}; it must be a force in newtons")
+        self.moves_ahead_n = float(moves_ahead_n)
+        copied = self._optional("copy")
+        self.copy: Callable[[], UserScene] | None = None if copied is None else lambda: UserScene(copied(), what)
 
     @property
     def breaches(self) -> int:

@@ -199,6 +199,10 @@ class Touch:
         push_n = max(self.body.viscosity_n_s_per_m * inward_m_per_s, -dot(inward, force_n))
         return along(along(force_n, push_n, inward), self.body.sliding_viscosity_n_s_per_m, sideways)
 
+    def follow(self, other: "Touch") -> None:
+        """Take the state of another touch of the same body."""
+        self.depth_m, self._held_m = other.depth_m, other._held_m
+
     def ahead(self, tool_m: Vector) -> LayerAhead:
         """Return the body as it is announced to a tool at a position [m]: as its tangent plane."""
         body, point_m = self.body, self._surface.nearest(tool_m)
@@ -248,6 +252,19 @@ class BodyScene:
                 total_n = plus(total_n, force_n)
         self._tool_m, self._stamp_us = tool_m, sample.t_us
         return ForceSample(sample.t_us, moved(self._zero, total_n, LARGEST_FORCE_N))
+
+    @property
+    def settings(self) -> BodySceneSettings:
+        """What it is made from."""
+        return BodySceneSettings(name=self.name, bodies=self.bodies)
+
+    def copy(self) -> "BodyScene":
+        """Return a scene in the same state."""
+        other = BodyScene(self.bodies, name=self.name)
+        other._tool_m, other._stamp_us = self._tool_m, self._stamp_us
+        for touch, mine in zip(other._touches, self._touches, strict=True):
+            touch.follow(mine)
+        return other
 
     def contacts(self) -> tuple[Contact, ...]:
         """Return whether the tool touches each body."""

@@ -33,6 +33,11 @@ class Needle:
         self.now_us = 0  # time [µs] that has passed since the first sample
         self._stamp_us: int | None = None
 
+    def follow(self, other: "Needle") -> None:
+        """Take the state of another needle."""
+        self.tip_m, self.velocity_m_per_s = other.tip_m, other.velocity_m_per_s
+        self.now_us, self._stamp_us = other.now_us, other._stamp_us
+
     def advance(self, t_us: int, tip_m: float) -> None:
         """Advance time to the sample at `t_us`, at which the tip is at `tip_m`."""
         elapsed_us = 0 if self._stamp_us is None else t_us - self._stamp_us
@@ -97,6 +102,10 @@ class RecoveringSurface:
         self._released_m = from_m
         self._released_us = self._needle.now_us
 
+    def follow(self, other: "RecoveringSurface") -> None:
+        """Take the state of another surface."""
+        self._released_m, self._released_us = other._released_m, other._released_us
+
 
 Surface: TypeAlias = RestingSurface | RecoveringSurface
 
@@ -136,6 +145,10 @@ class Shaft:
             held = math.exp(-abs(travel_m) / self._presliding_m)
             self.force_n = sliding_n + (self.force_n - sliding_n) * held
         return self.force_n
+
+    def follow(self, other: "Shaft") -> None:
+        """Take the state of another shaft."""
+        self.force_n, self._tip_m = other.force_n, other._tip_m
 
 
 def contact_law(tissue: Tissue, surface: Surface, needle: Needle) -> Law:
@@ -256,6 +269,17 @@ class Layer:
         self._shaft.grip(broken_at_m)
         self.feel = self._shaft.slide
         return self._shaft.slide(tip_m)
+
+    def follow(self, other: "Layer") -> None:
+        """Take the state of another layer of the same tissue."""
+        if isinstance(self.surface, RecoveringSurface) and isinstance(other.surface, RecoveringSurface):
+            self.surface.follow(other.surface)
+        self.breached, self.is_felt = other.breached, other.is_felt
+        if other.breached:
+            self.feel = _nothing
+            if self._shaft is not None and other._shaft is not None:
+                self._shaft.follow(other._shaft)
+                self.feel = self._shaft.slide
 
     def contact(self, tip_m: float) -> Contact:
         """Return the contact of a needle whose tip is at `tip_m`."""

@@ -28,7 +28,7 @@ from hapticnet.errors import SampleError
 from hapticnet.samples import LARGEST_COMPONENT, ForceSample, PositionSample, checked_vector, new_tuple
 from hapticnet.scene.ahead import REACH_M, LayerAhead
 from hapticnet.scene.layer import Layer, Needle, bound_of
-from hapticnet.scene.settings import Contact, Tissue, front_to_back
+from hapticnet.scene.settings import Contact, SceneSettings, Tissue, front_to_back
 from hapticnet.stiffness_bound import StiffnessBound
 
 _rest_m = attrgetter("rest_m")
@@ -86,6 +86,25 @@ class Scene:
             force_n += layer_n
         self.force_n = force_n
         return new_tuple(ForceSample, (sample.t_us, (force_n,)))
+
+    def copy(self) -> "Scene":
+        """Return a scene in the same state."""
+        other = Scene(self.tissues, name=self.name, reach_m=self.reach_m)
+        other.breaches, other.force_n = self.breaches, self.force_n
+        other._needle.follow(self._needle)
+        of: dict[float, Layer] = {}
+        for layer, mine in zip(other._layers, self._layers, strict=True):
+            layer.follow(mine)
+            of[mine.rest_m] = layer
+        other._reached, other._back_m, other._ahead_m = self._reached, self._back_m, self._ahead_m
+        other._felt = [of[layer.rest_m] for layer in self._felt]
+        other._passed = [(back_m, rest_m, of[rest_m]) for back_m, rest_m, _ in self._passed]
+        return other
+
+    @property
+    def settings(self) -> SceneSettings:
+        """What it is made from."""
+        return SceneSettings(name=self.name, tissues=self.tissues)
 
     def stiffness_bound(self) -> StiffnessBound | None:
         """Return how the force may change around the tip; None if a layer cannot tell.

@@ -153,12 +153,13 @@ class LinkAxes(BaseModel):
 
 
 class FeltAxes(LinkAxes):
-    """The axes of the task "felt": the source of forces, and the time after which a lost update is replaced."""
+    """The axes of the task "felt": what is touched, after which time a lost update is replaced, and prediction."""
 
     scene: Texts | None = None
     hand: Texts | None = None
     recording: Texts | None = None
     repair: Repairs = ["round-trip"]
+    predicted: list[bool] = [False]
 
 
 class OrderingAxes(LinkAxes):

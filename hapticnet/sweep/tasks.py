@@ -112,12 +112,14 @@ class Repair:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FeltPlan(Plan):
-    """A study of the task "felt"; its grid has the indices of sources, codecs, links and repairs."""
+    """A study of the task "felt"; its grid has the sources, codecs, links, repairs, and whether hands are predicted."""
 
     task: ClassVar[str] = "felt"
     measured: ClassVar[Columns] = {
         "samples": "int", "seconds": "float", "sent": "int", "received": "int", "packets_per_s": "float",
         "wire_bytes_per_s": "float", "felt_rmse_n": "float", "felt_max_error_n": "float", "felt_exceed_jnd": "float",
+        "felt_above_2_jnd": "float", "felt_above_4_jnd": "float", "felt_above_8_jnd": "float",
+        "felt_p99_error_n": "float",
         "felt_rms_jnd": "float", "felt_created_share": "float", "coded_rmse_n": "float", "coded_exceed_jnd": "float",
     }  # fmt: skip
     sources: tuple[Source, ...]
@@ -125,7 +127,7 @@ class FeltPlan(Plan):
     @property
     def settings(self) -> Columns:
         """Columns that distinguish combinations."""
-        return {**SOURCE_COLUMNS, **coder_columns(self.swept), **LINK_COLUMNS, "repair": "text"}
+        return {**SOURCE_COLUMNS, **coder_columns(self.swept), **LINK_COLUMNS, "repair": "text", "predicted": "text"}
 
     def runner(self) -> Runner:
         """Return a runner that computes its runs in this process."""
@@ -150,7 +152,7 @@ def _felt(study: FeltStudy, folder: Path) -> FeltPlan:
         seed=study.seed,
         repeats=study.repeats,
         sources=tuple(sources),
-        grid=Grid((tuple(range(len(sources))), coders(axes), links(axes), repairs)),
+        grid=Grid((tuple(range(len(sources))), coders(axes), links(axes), repairs, tuple(axes.predicted))),
         swept=tuple(axes.parameters),
     )
 
@@ -172,17 +174,24 @@ class FeltRunner(Runner):
 
     def settings(self, cell: int) -> Row:
         """Return the columns that identify a combination."""
-        number, coder, link, repair = self._plan.grid[cell]
-        return {**self._plan.sources[number].row(), **coder.row(self._plan.swept), **link.row(), "repair": repair.text}
+        number, coder, link, repair, predicted = self._plan.grid[cell]
+        row = {**self._plan.sources[number].row(), **coder.row(self._plan.swept), **link.row()}
+        return {**row, "repair": repair.text, "predicted": "yes" if predicted else "no"}
 
     def measure(self, repeat: int, cell: int, rng: np.random.Generator) -> Row:
         """Return the measures of a run."""
-        number, coder, link, repair = self._plan.grid[cell]
+        number, coder, link, repair, predicted = self._plan.grid[cell]
         if coder not in self._codecs:
             self._codecs[coder] = coder.make()
         codec, trial = self._codecs[coder], self._trial(number, repeat)
         felt, error, created_share = felt_report(
-            codec, trial, forward=link.forward, feedback=link.feedback, repair_us=repair.of(link), rng=rng
+            codec,
+            trial,
+            forward=link.forward,
+            feedback=link.feedback,
+            repair_us=repair.of(link),
+            rng=rng,
+            predicted=predicted,
         )
         distances = perceptual_distances(codec.law, trial.stimuli, felt.applied)
         return {
@@ -194,6 +203,10 @@ class FeltRunner(Runner):
             "felt_rmse_n": error.rmse_n,
             "felt_max_error_n": error.max_error_n,
             "felt_exceed_jnd": error.exceed_jnd_fraction,
+            "felt_above_2_jnd": error.above_2_jnd_fraction,
+            "felt_above_4_jnd": error.above_4_jnd_fraction,
+            "felt_above_8_jnd": error.above_8_jnd_fraction,
+            "felt_p99_error_n": error.p99_error_n,
             "felt_rms_jnd": None if distances is None else math.sqrt(float(np.mean(distances * distances))),
             "felt_created_share": created_share,
             **self._coded_alone(number, repeat, coder),

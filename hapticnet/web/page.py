@@ -2,7 +2,7 @@
 
 from collections import deque
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, Any, Final
 
 from hapticnet import __version__
@@ -153,6 +153,7 @@ class Page(Audience):
     def _state(self) -> str:
         now_s = self._seconds(now_us())
         session = self._node.session
+        felt = self._ticks.felt(self._node.codec.law)
         round_trip_us = self._round_trip.of(session.round_trip, now_s)
         return messages.text(
             "state",
@@ -166,6 +167,7 @@ class Page(Audience):
             **self._traffic.report(now_s, felt=self._ticks.take_felt()),
             arrived=self._traffic.arrived,
             lost=self._traffic.lost,
+            felt=None if felt is None else asdict(felt),
             device=self._node.device_status,
             pages=self.report(),
         )

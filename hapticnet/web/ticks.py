@@ -6,13 +6,17 @@ from typing import Final
 import numpy as np
 
 from hapticnet.arrays import FloatArray
+from hapticnet.measure.metrics import FeltReport, error_report
 from hapticnet.node.master import MasterNode
+from hapticnet.perception import WeberLaw
 from hapticnet.protocol.wire import Kind
 from hapticnet.web import messages
 from hapticnet.web.mirror import Mirror
 
 MOST_KEPT: Final = 20_000  # most rows kept for a new page
 _FORCE: Final = int(Kind.FORCE)
+_TRUE: Final = messages.COLUMNS.index("true")
+_HELD: Final = messages.COLUMNS.index("held")
 
 
 class Ticks:
@@ -73,6 +77,12 @@ class Ticks:
         """Return whether a force was felt in the ticks since the last call."""
         felt, self._felt = self._felt, False
         return felt
+
+    def felt(self, law: WeberLaw) -> FeltReport | None:
+        """Return how far what was held in the past that is kept is from the true force; None where that is unknown."""
+        true, held = self._past[_TRUE, self._begin : self._end], self._past[_HELD, self._begin : self._end]
+        known = np.isfinite(true)
+        return error_report(law, true[known, None], held[known, None]) if known.any() else None
 
     def history(self) -> list[bytes]:
         """Return SAMPLES messages of the kept history, for a page that opens now."""

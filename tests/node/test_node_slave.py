@@ -217,7 +217,7 @@ def test_a_position_that_is_refused_takes_no_seat_and_ends_no_session(sealed):
 def test_a_master_that_joined_is_said_to_leave_even_if_no_position_was_answered(sealed):
     slave = make_slave(sealed=sealed)
     master = HandMaster(slave, sealed=sealed).join()
-    both = [master.pack(Kind.POSITION, 1, Position(0, None, bytes(4))), master.pack(Kind.CLOSE, 2, Close("done"))]
+    both = [master.pack(Kind.POSITION, 1, Position(0, None, bytes(4))[:3]), master.pack(Kind.CLOSE, 2, Close("done"))]
     slave.receive_datagrams([(data, "a") for data in both], 0)
     slave.account_sent(0)
     assert [type(event) for event in events_of(slave)] == [MasterJoined, MasterLeft]

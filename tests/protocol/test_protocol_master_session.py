@@ -54,7 +54,7 @@ def test_positions_acknowledge_the_newest_force_that_was_applied_and_no_other(se
     session.payload_was_malformed()
     slave.say(Kind.KEEPALIVE, 3, Keepalive(0, 2), 1600)
     assert not any(isinstance(event, HoldConfirmed) for event in events_of(session)), "not what the slave sent last"
-    assert send_position(session, slave, 2000) == (2000, 1, b"abcd", None)
+    assert send_position(session, slave, 2000) == (2000, 1, b"abcd", None, 0)
 
 
 def test_a_keepalive_that_confirms_the_newest_force_is_acknowledged_in_its_place(sealed):

@@ -26,6 +26,8 @@ TICKET = bytes(range(0x70, 0x80))
 REQUEST = ["deadband", {}, 0.05, 0.025, 1.0, 1000.0, 1, "surgeon", None, 5_000_000_000, False, 0.0]
 CONTINUING = ["level-crossing", {"hysteresis": 0.25}, 0.1, 0.0, 1.5, 500.0, 3, "Chirurgin Ä", TICKET, 0, True, 0.25]
 GRANT = [SESSION, 1000.0, 45_000, "paper:1", TICKET, False, False, 0.0]
+AHEAD = [*REQUEST, True]
+PREDICTED = [SESSION + 2, *GRANT[1:], True]
 RESUMED = [SESSION + 1, 500.0, 45_000, "three axes", TICKET, True, True, 0.25]
 
 
@@ -51,8 +53,10 @@ OPENING = [
     ("cookie", "the same nonce, and 16 bytes to send back", COOKIE, 0, [NONCE, COOKIE_VALUE], None),
     ("hello with the cookie", "all else is the same", HELLO, 0, [NONCE, COOKIE_VALUE, packed(REQUEST), b""], REQUEST),
     ("hello that continues", "with the ticket of an earlier session", HELLO, 0, CONTINUED, CONTINUING),
+    ("hello that asks for prediction", "a last field more", HELLO, 0, [NONCE, b"", packed(AHEAD), b""], AHEAD),
     ("welcome", "grants session 0xdeadbeef", WELCOME, SESSION, [NONCE, packed(GRANT)], GRANT),
     ("welcome that resumes", "goes on with a scene", WELCOME, SESSION + 1, [NONCE + 1, packed(RESUMED)], RESUMED),
+    ("welcome that predicts", "the same", WELCOME, SESSION + 2, [NONCE, packed(PREDICTED)], PREDICTED),
     ("refuse", "", REFUSE, 0, [NONCE, "unknown codec 'mp3'; there are: raw, deadband", 2], None),
 ]
 """Name, note, kind, session, fields, contents; the sequence is 0."""
@@ -63,6 +67,7 @@ IN_SESSION = [
     ("position that acknowledges", "0.021 m; FORCE 1 is applied", POSITION, 2, [2000, 1, PLACE]),
     ("position that reports loss", LOST, POSITION, 3, [3000, 2, PLACE, 10, 80]),
     ("keepalive", "FORCE 1 still holds", KEEPALIVE, 2, [46_000, 1]),
+    ("position that waited", "KEEPALIVE 2 had arrived 12 ms before", POSITION, 6, [47_500, 2, PLACE, 12]),
     ("position with a velocity", MOVING, POSITION, 4, [47_000, 2, PLACE + number("2e66")]),
     ("force with a stiffness bound", BETWEEN, FORCE, 5, [47_000, ONE_NEWTON, BOUND]),
     ("keepalive with a stiffness bound", UNKNOWN, KEEPALIVE, 6, [48_000, 5, b""]),

@@ -99,9 +99,10 @@ def to_slave():
     places = {"no bytes": b"", "3 bytes": PLACE[:3], "6 bytes": PLACE + b"\0\0", "8 bytes": PLACE * 2}
     places |= {"NaN": single(math.nan), "infinite": single(math.inf), "2e15 m": single(2e15)}
     yield from of_each(POSITION, "position whose payload", at, 2, places)
-    yield "position with share and without again", body(POSITION, *at[:4]), "taken"
-    yield "position with a share of text and without again", body(POSITION, *at[:3], "x"), "taken"
-    yield "position with fields of a later revision", body(POSITION, *at, "x", {}), "taken"
+    yield "position with a wait", body(POSITION, *at[:3], 255), "taken"
+    yield "position with a wait and a report of loss", body(POSITION, *at, 255), "taken"
+    yield from of_each(POSITION, "position whose wait", [*at[:3], 7], 3, TOO_BIG | {"256": 256, "-1": -1})
+    yield "position with fields of a later revision", body(POSITION, *at, 0, {}), "taken"
     yield "position of 1e15 m", body(POSITION, 2000, None, single(9.9e14)), "taken"
     yield "position of a denormal", body(POSITION, 2000, None, single(1e-45)), "taken"
 
@@ -144,7 +145,8 @@ def by_repr(*values):
 
 def requests():
     yield "as it is", REQUEST, "taken"
-    yield "fields of a later revision", [*REQUEST, 7], "taken"
+    yield "fields of a later revision", [*REQUEST, False, 7], "taken"
+    yield "predicted is 1", [*REQUEST, 1], "dropped"
     yield "eleven fields", REQUEST[:11], "dropped"
     yield "a codec that is not known", ["mp3", *REQUEST[1:]], 2
     yield "a parameter that is not known", ["deadband", {"window_ms": 1.0}, *REQUEST[2:]], 3
@@ -178,7 +180,9 @@ def requests():
 
 def grants():
     yield "as it is", GRANT, "taken"
-    yield "fields of a later revision", [*GRANT, 7], "taken"
+    yield "fields of a later revision", [*GRANT, False, 7], "taken"
+    yield "predicted is 1", [*GRANT, 1], "dropped"
+    yield "predicted, which was not asked for", [*GRANT, True], "dropped"
     yield "seven fields", GRANT[:7], "dropped"
     yield "announced, which was not asked for", [*GRANT[:6], True, 0.0], "dropped"
     yield "a share, which was not asked for", [*GRANT[:7], 0.25], "dropped"

@@ -141,6 +141,8 @@ def settings_line(settings: Mapping[str, Any]) -> str:
         line += f", positions on a line with {number('position_share')} of the JND"
     if settings.get("announced"):
         line += ", announced"
+    if settings.get("predicted"):
+        line += ", predicted"
     for way in ("channel_out", "channel_in"):
         if settings.get(way):
             line += f", {way.replace('_', ' ')} {settings[way]}"

@@ -16,6 +16,9 @@ export function showTraffic(state) {
   tile("tile-link", state.round_trip_ms === null ? "–" : signed(state.round_trip_ms, state.round_trip_ms < 10 ? 2 : 1), "ms");
   text("lost", `${count(state.lost)} of ${count(state.arrived + state.lost)} lost`);
   const [out, outUnit] = bytes(forward.bytes_per_s);
+  const { felt } = state;
+  text("felt", !felt ? "" : `Felt: ${percent(felt.exceed_jnd_fraction)} % of the time above 1 JND, `
+    + `${percent(felt.above_8_jnd_fraction)} % above 8; RMSE ${felt.rmse_n.toFixed(2)} N`);
   text("forward", `Positions ${out} ${outUnit}/s`);
 }
 
