@@ -222,8 +222,7 @@ def unpack_hello(body: bytes) -> Hello:
 
 def pack_contents(contents: Request | Grant | Refusal) -> bytes:
     """Return a packed request, grant or refusal. `predicted` comes last, and is left out if it is false."""
-    predicted = isinstance(contents, Refusal) or contents.predicted
-    return pack_body(contents if predicted else contents[:-1])
+    return pack_body(contents[:-1] if contents[-1] is False else contents)
 
 
 def unpack_request(packed: bytes) -> Request:

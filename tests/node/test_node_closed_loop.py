@@ -17,7 +17,7 @@ from hapticnet.node.closed_loop import Felt, simulate_link
 from hapticnet.node.offline import cost_report
 from hapticnet.node.settings import MasterSettings
 from hapticnet.perception import WeberLaw
-from hapticnet.protocol.messages import Welcome
+from hapticnet.protocol.messages import Welcome, pack_contents
 from hapticnet.protocol.wire import UDP_IPV4_HEADER_BYTES, Kind, pack, pack_body
 
 CODECS = every_codec()
@@ -148,7 +148,7 @@ def test_offline_and_session_agree_on_packets_bytes_and_errors(loopback, name):
     )
     said = replace(context.session.sent)
     assert report.keepalives == said.by_kind[Kind.KEEPALIVE]
-    welcome = Welcome(0xFFFF_FFFF, pack_body(context.grant))
+    welcome = Welcome(0xFFFF_FFFF, pack_contents(context.grant))
     handshake_bytes = len(pack(Kind.WELCOME, context.session.number, 0, pack_body(welcome))) + UDP_IPV4_HEADER_BYTES
     assert report.session_wire_bytes == said.wire_bytes - handshake_bytes
     assert report.rmse_n == pytest.approx(session["rmse_n"])
