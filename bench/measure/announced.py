@@ -236,35 +236,10 @@ def averaged(rows: Sequence[Row]) -> list[Row]:
     return made
 
 
-def show(rows: Sequence[Row]) -> None:
-    """Print the rows as a table."""
-    print(
-        f"{'scene':16}{'codec':32}{'announced':26}{'link':>16}{'reach':>7}   >JND   RMSE longest: wrong, on model"
-        "  energy  forces bytes/s: back, forth"
-    )
-    for row in rows:
-        codec = row["codec"] + (" + announced" if row["announced"] else "")
-        codec += ", line" if row["positions"] == "line" else ""
-        link = f"{row['delay_ms']} ±{row['jitter_ms']} ms {100 * row['loss']:.0f} %"
-        says = row["says"]
-        if says == MEASURED:
-            says += f" {1e3 * row['noise_n']:.0f} mN, {row['insertions']}x"
-        print(
-            f"{row['scene'][:15]:16}{codec:32}{says:26}{link:>16}{1e3 * row['reach_m']:4.0f} mm"
-            f" {100 * row['felt_above_jnd']:5.1f} % {row['felt_rmse_n']:6.3f} {row['longest_wrong_ms']:6.0f} ms"
-            f" {row['longest_wrong_model_ms']:6.0f} ms {1e3 * row['energy_peak_j']:6.2f} mJ {row['forces']:6.0f}"
-            f" {row['feedback_bytes_per_s']:7.0f} {row['forward_bytes_per_s']:7.0f}  models {row['models'] or 0:.0f}"
-            f" corrections {row['corrections'] or 0:.0f} on model {100 * row['on_model']:.0f} %"
-        )
-
-
 def measure(arguments: argparse.Namespace) -> list[Row]:
     """Run all cases and return the averages over the seeds."""
     with multiprocessing.Pool(min(2, os.cpu_count() or 1)) as pool:
-        rows = averaged(pool.map(run, cases(arguments), chunksize=1))
-    if arguments.json:
-        show(rows)
-    return rows
+        return averaged(pool.map(run, cases(arguments), chunksize=1))
 
 
 def main() -> None:

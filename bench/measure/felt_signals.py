@@ -4,7 +4,8 @@ Each signal has a kind, over which felt.py averages. The motions and the propert
 chosen to be typical; each scene has one feature that the paper's lacks.
 """
 
-from collections.abc import Sequence
+import math
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import Final
 
@@ -13,6 +14,7 @@ from rate_distortion_signals import recorded_signals
 
 from hapticnet.experiment.trials import Trial, scene_trial
 from hapticnet.operator.scripted import InsertionSettings, PalpatingOperator, PalpationSettings, ScriptedOperator
+from hapticnet.samples import PositionSample
 from hapticnet.scene.settings import BodySceneSettings, SceneSettings, Tissue
 from hapticnet.scene.sources import find_scene, make_scene, paper_scene
 
@@ -53,8 +55,34 @@ STIFFENING: Final = SceneSettings(
     ),
 )
 
+# Positions [m] over the time [s] since the last second began, in front of a surface at 20 mm and in it
+ABRUPT: Final[dict[str, Callable[[float], float]]] = {
+    "stops 1 mm in front of a surface": lambda t: min(0.1 * t, 0.019) if t < 0.8 else 0.0,
+    "turns round in front of a surface": lambda t: 0.019 - abs(0.1 * t - 0.019) if t < 0.38 else 0.0,
+    "presses and lets go at once": lambda t: 0.01 + 0.05 * t if t < 0.25 else 0.01,
+    "holds still": lambda _: 0.023,
+    "trembles at 10 Hz": lambda t: 0.023 + 0.0005 * math.sin(20.0 * math.pi * t),
+    "leaps": lambda t: 0.023 if t > 0.5 else 0.005,
+}
+"""Hands that do what nothing foretells, on the paper's scene."""
+
 PAPER: Final = "paper's scene"
-KINDS: Final = (PAPER, "other scenes", "three axes", "recorded")
+KINDS: Final = (PAPER, "other scenes", "three axes", "abrupt hands", "recorded")
+
+
+class AbruptHand:
+    """Repeats a movement every second; the tracker is off by 10 µm. Satisfies `Operator`."""
+
+    axes: Final = 1
+    duration_us: Final = 4_000_000
+
+    def __init__(self, path: Callable[[float], float]) -> None:
+        self._path = path
+        self._rng = np.random.default_rng(1)
+
+    def sample(self, t_us: int) -> PositionSample:
+        """Return the position at a time [µs]."""
+        return PositionSample(t_us, (self._path(1e-6 * (t_us % 1_000_000)) + float(self._rng.normal(0.0, 1e-5)),))
 
 
 def signals(seeds: Sequence[int], recordings: Sequence[str], seconds: float) -> list[tuple[str, Trial]]:
@@ -75,8 +103,12 @@ def signals(seeds: Sequence[int], recordings: Sequence[str], seconds: float) -> 
             _palpated(_without_friction(phantom), PalpationSettings(palpations=1), seed, "the same, no friction"),
         ),
     ]
+    found += [
+        (KINDS[3], scene_trial(make_scene(paper_scene(seed)), AbruptHand(path), name=name))
+        for name, path in ABRUPT.items()
+    ]
     recorded = [trial for trial in recorded_signals(recordings) if trial.positions is not None]
-    return found + [(KINDS[3], _first(trial, seconds)) for trial in recorded]
+    return found + [(KINDS[4], _first(trial, seconds)) for trial in recorded]
 
 
 def _inserted(settings: SceneSettings, motion: InsertionSettings, seed: int, name: str) -> Trial:
