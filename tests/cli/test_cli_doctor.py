@@ -53,7 +53,7 @@ def test_the_page_keeps_to_the_width_of_the_terminal_but_for_commands(capsys, mo
 @pytest.mark.parametrize(
     ("findings", "answer"),
     [
-        (FINDINGS, "This machine is not ready. Solve first: Port."),
+        (FINDINGS, "This machine is not ready. First fix: Port."),
         (FINDINGS[:3], "This machine can run hapticnet; the warnings above say what would help."),
         (FINDINGS[:1], "This machine can run hapticnet.\n1 ok, 0 warnings, 0 problems, 0 not present."),
     ],
@@ -87,7 +87,7 @@ def test_a_real_check_up_measures_and_reports_in_the_documented_form(tmp_path):
 def test_a_device_that_is_asked_for_and_missing_is_a_problem():
     done = hapticnet("doctor", "--quick", "--device", "serial:/dev/nowhere")
     assert done.returncode == 1
-    assert "Solve first: " in done.stdout
+    assert "First fix: " in done.stdout
 
 
 @pytest.mark.parametrize("closed", [">&-", "<&- >&- 2>&-"])
