@@ -25,6 +25,9 @@ class StiffnessBound(NamedTuple):
     # Sides of the box [m], one number per axis
     low_m: Vector
     high_m: Vector
+    # By how much the stiffness grows with the force [1/m], 0 or above: where the force is F without its damping, the
+    # stiffness is at most ``stiffness + stiffening · F``.
+    stiffening_per_m: float = 0.0
 
     def contains(self, position_m: Vector) -> bool:
         """Return whether a position is in the box."""
@@ -52,6 +55,7 @@ class StiffnessBound(NamedTuple):
             self.contains(position_m)
             and SOFTEST_COVERED * self.stiffness_n_per_m <= newer.stiffness_n_per_m <= self.stiffness_n_per_m
             and newer.damping_n_s_per_m <= self.damping_n_s_per_m
+            and newer.stiffening_per_m <= self.stiffening_per_m
             and all(mine >= theirs for mine, theirs in zip(self.low_m, newer.low_m, strict=True))
             and all(mine <= theirs for mine, theirs in zip(self.high_m, newer.high_m, strict=True))
         )

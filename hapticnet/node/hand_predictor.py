@@ -14,11 +14,11 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
-from hapticnet.codec.positions import PromisedLine
+from hapticnet.codec.positions import PromisedLine, bent_s2
 from hapticnet.errors import SampleError, in_words
 from hapticnet.samples import PositionSample, Vector
 from hapticnet.scene.base import Touchable, copy_method, lead_limit_n
-from hapticnet.vectors import magnitude
+from hapticnet.vectors import along, magnitude, minus
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -94,7 +94,7 @@ class HandPredictor:
     def follow(self, line: PromisedLine) -> None:
         """Take in a line that was promised. What was taken for the way to its start is replaced by a better guess.
 
-        That is the cubic with the positions and velocities of both lines at their starts (Hermite's).
+        That goes over smoothly from the earlier line to the later one, as far as it goes back.
         """
         before = self._line
         steps = 0 if before is None else (line.t_us - before.t_us + self._step_us // 2) // self._step_us
@@ -104,25 +104,14 @@ class HandPredictor:
             return
         self._steps -= self._on_line
         self._on_line, self._t_us, self._line = 0, line.t_us, line
-        elapsed_s = 1e-6 * (line.t_us - before.t_us)
         for step in range(1, steps + 1):
             share = step / steps
-            self._push(
-                tuple(
-                    [
-                        x
-                        + share * share * (3.0 - 2.0 * share) * (y - x)
-                        + elapsed_s * share * (1.0 - share) * ((1.0 - share) * v - share * w)
-                        for x, y, v, w in zip(
-                            before.position_m,
-                            line.position_m,
-                            before.velocity_m_per_s,
-                            line.velocity_m_per_s,
-                            strict=True,
-                        )
-                    ]
-                )
+            back_s = 1e-6 * (1.0 - share) * (line.t_us - before.t_us)
+            back_m = along(
+                along(line.position_m, -back_s, line.velocity_m_per_s), bent_s2(back_s), line.acceleration_m_per_s2
             )
+            there_m = before.at(line.t_us - round(1e6 * back_s))
+            self._push(along(there_m, share * share * (3.0 - 2.0 * share), minus(back_m, there_m)))
 
     def predict(self, ahead_us: int) -> Vector:
         """Return where the hand will be so long after the newest position [m]."""

@@ -139,9 +139,9 @@ class DeadReckoning:
         return max(line.t_us + min(late * self._period_us, LONGEST_SILENCE_US), self._answered_us)
 
     @property
-    def velocity_m_per_s(self) -> Vector:
-        """Velocity of the line [m/s]."""
-        return self._following().velocity_m_per_s
+    def arriving_m_per_s(self) -> Vector:
+        """Velocity with which the tool arrives where the line starts [m/s], as a scene takes it from two positions."""
+        return self._following().arriving_m_per_s(self._period_us)
 
     def answered(self, t_us: int) -> None:
         """Note that there is a force for a time [µs]."""

@@ -143,9 +143,10 @@ class SlaveContext:
             return False
         if self.session.seal is not None:
             self.address = address  # the newest datagram that opens tells where the master is
-        t_us, (state, position_m, velocity_m_per_s) = taken
+        t_us, (state, line) = taken
+        position_m = line.position_m
         if self.reckoning is not None:
-            self.reckoning.receive(PromisedLine(t_us, position_m, velocity_m_per_s), now_us)
+            self.reckoning.receive(line._replace(t_us=t_us), now_us)
         if self._pending is not None:
             self.superseded += 1
             self._scene_time.unanswered += 1
@@ -154,16 +155,15 @@ class SlaveContext:
         self._master_state = state if self.session.in_step else None
         return True
 
-    def _read(self, payload: bytes) -> tuple[int | None, Vector, Vector]:
-        """Return state of the model, place [m] and velocity [m/s] of a position; PeerError if malformed."""
+    def _read(self, payload: bytes) -> tuple[int | None, PromisedLine]:
+        """Return state of the model and line of a position, at time 0; PeerError if malformed."""
         state = None
         if self.grant.announced:
             state, payload = read_state(payload)
         if self.reckoning is not None:
-            line = unpack_line(0, payload, self.scene.axes)
-            return state, line.position_m, line.velocity_m_per_s
+            return state, unpack_line(0, payload, self.scene.axes)
         self._positions.decode(0, payload)
-        return state, self._positions.reconstruct(0), ()
+        return state, PromisedLine(0, self._positions.reconstruct(0), (), ())
 
     @property
     def waits(self) -> bool:
@@ -214,7 +214,7 @@ class SlaveContext:
         if reckoning.bound is not None and reckoning.bound.damping_n_s_per_m:
             # Since the last step the hand has left the old line. It moves as the new one says.
             before_us = t_us - VELOCITY_STEP_US
-            back_m = along(sample.position_m, -1e-6 * VELOCITY_STEP_US, reckoning.velocity_m_per_s)
+            back_m = along(sample.position_m, -1e-6 * VELOCITY_STEP_US, reckoning.arriving_m_per_s)
             self._step(PositionSample(before_us, reckoning.bound.nearest(back_m)))
             force_n = self._step(PositionSample(t_us, sample.position_m))
         if reckoning.bound is not None and t_us > sample.t_us:

@@ -45,24 +45,46 @@ def played(sender, hand, *, applied_n=0.0, axes=1):
 @given(vectors)
 def test_a_line_is_read_as_it_was_written(position):
     axes = len(position)
-    line = PromisedLine(5, position, (0.0,) * axes)
-    assert unpack_line(5, pack_line(line), axes) == line
-    assert len(pack_line(line)) == 4 * axes
-    moving = PromisedLine(5, position, tuple(float(np.float16(0.1 * (axis + 1))) for axis in range(axes)))
-    assert unpack_line(5, pack_line(moving), axes) == moving
-    assert len(pack_line(moving)) == 6 * axes
+    none, some = (0.0,) * axes, tuple(float(np.float16(0.1 * (axis + 1))) for axis in range(axes))
+    for velocity, acceleration, size in ((none, none, 4), (some, none, 6), (some, some, 8), (none, some, 8)):
+        line = PromisedLine(5, position, velocity, acceleration)
+        assert unpack_line(5, pack_line(line), axes) == line
+        assert len(pack_line(line)) == size * axes
 
 
 def test_the_golden_line_goes_on_at_its_velocity_and_is_level_before_and_after():
     line = unpack_line(1000, bytes.fromhex("3cac08312e66"), 1)
-    assert line == PromisedLine(1000, single((0.021,)), (float(np.float16(0.1)),))
+    assert line == PromisedLine(1000, single((0.021,)), (float(np.float16(0.1)),), (0.0,))
     assert line.at(0) == line.at(1000) == line.position_m
     assert line.at(11_000)[0] == pytest.approx(0.022, abs=1e-6)
     assert line.at(1000 + LONGEST_SILENCE_US) == line.at(10**9)
 
 
+def test_the_acceleration_of_the_golden_curve_dies_out():
+    line = unpack_line(0, bytes.fromhex("3cac08312e664000"), 1)
+    assert line.acceleration_m_per_s2 == (2.0,)
+    places_m = [line.at(1000 * ms)[0] for ms in range(101)]
+    speeds = 1e3 * np.diff(places_m)
+    # The velocity grows by 2 m/s² · t · (1 − t / 120 ms), until 60 ms.
+    after_s = np.arange(0.5e-3, 0.1, 1e-3)
+    fading_s = np.minimum(after_s, 0.06)
+    assert speeds == pytest.approx(0.1 + 2.0 * fading_s * (1.0 - fading_s / 0.12), abs=1e-4)
+    assert line.arriving_m_per_s(1000) == pytest.approx((0.1 - 0.001,), abs=1e-4)
+
+
 @pytest.mark.parametrize(
-    "payload", ["", "3cac08", "7fc00000", "7f800000", "3cac08317e00", "3cac08317c00", "3cac08314d00"]
+    "payload",
+    [
+        "",
+        "3cac08",
+        "7fc00000",
+        "7f800000",
+        "3cac08317e00",
+        "3cac08317c00",
+        "3cac08314d00",
+        "3cac08312e667e00",
+        "3cac08312e665700",
+    ],
 )
 def test_lines_that_cannot_be_are_refused(payload):
     with pytest.raises(PeerError):
@@ -78,13 +100,14 @@ def test_garbage_is_a_peer_error(data, axes):
             continue
 
 
-@given(st.floats(0.0, 1e6), st.floats(0.0, 1e3), st.floats(-1.0, 0.0), st.floats(1e-6, 1.0))
-def test_an_bound_is_rounded_so_that_it_promises_no_more(stiffness, damping, low, width):
-    given_ = StiffnessBound(stiffness, damping, (low,), (low + width,))
+@given(st.floats(0.0, 1e6), st.floats(0.0, 1e3), st.floats(-1.0, 0.0), st.floats(1e-6, 1.0), st.floats(0.0, 1e3))
+def test_an_bound_is_rounded_so_that_it_promises_no_more(stiffness, damping, low, width, stiffening):
+    given_ = StiffnessBound(stiffness, damping, (low,), (low + width,), stiffening)
     rounded = rounded_bound(given_)
     assert rounded is not None
     assert rounded.stiffness_n_per_m >= stiffness
     assert rounded.damping_n_s_per_m >= damping
+    assert rounded.stiffening_per_m >= stiffening
     assert given_.low_m[0] <= rounded.low_m[0] <= rounded.high_m[0] <= given_.high_m[0]
     assert unpack_bound(pack_bound(rounded), 1) == rounded
 
@@ -183,5 +206,19 @@ def test_where_speed_matters_a_line_has_the_speed_of_the_newest_sample():
     for index, (position, speed) in enumerate(zip(hand, true, strict=True)):
         payload = sender.payload(1000 * index, position, 0.0)
         line = line if payload is None else unpack_line(1000 * index, payload, 1)
-        off_n = 100.0 * abs(position[0] - line.at(1000 * index)[0]) + 10.0 * abs(speed - line.velocity_m_per_s[0])
+        follows = (line.at(1000 * index)[0] - line.at(1000 * index - 1000)[0]) * 1000
+        follows = line.arriving_m_per_s(1000)[0] if line.t_us == 1000 * index else follows
+        off_n = 100.0 * abs(position[0] - line.at(1000 * index)[0]) + 10.0 * abs(speed - follows)
         assert off_n <= 0.25 * LAW.threshold_n(0.0) + 1e-4, "float16 and float32 round the speeds"
+
+
+def test_where_a_spring_stiffens_the_tolerance_shrinks_with_the_force():
+    far_m = []
+    for applied_n in (0.0, 0.4):
+        sender = PositionSender(LAW, 0.25)
+        sender.set_bound(StiffnessBound(60.0, 0.0, (-1.0,), (1.0,), 200.0))
+        assert sender.payload(0, (0.0,), applied_n) is not None
+        steps = (step for step in range(1, 300) if sender.payload(step, (1e-6 * step,), applied_n) is not None)
+        far_m.append(1e-6 * next(steps))
+    # 6.25 mN over 60 N/m, and 200/m times the force that is possible besides
+    assert far_m == pytest.approx([0.25 * 0.025 / (60.0 + 200.0 * (each + 0.05)) for each in (0.0, 0.4)], rel=0.05)

@@ -120,7 +120,7 @@ def test_promised_lines_are_joined_by_a_smooth_path():
         t_s = 1e-6 * t_us
         dense.receive(t_us, (place(t_s),))
         if t_us % 40_000 == 0:
-            line = PromisedLine(t_us, (place(t_s),), (0.12 * math.cos(6.0 * t_s),))
+            line = PromisedLine(t_us, (place(t_s),), (0.12 * math.cos(6.0 * t_s),), (0.0,))
             hand.follow(line)
         hand.receive(t_us, line.at(t_us))
         if t_us >= 3_000_000 and t_us % 40_000 == 0:

@@ -319,7 +319,7 @@ class Hall:
         for _ in range(round(10 * seconds)):
             for master in masters:
                 self.positions += 1
-                line = pack_line(PromisedLine(0, (PRESSING_M,), (0.001,)))
+                line = pack_line(PromisedLine(0, (PRESSING_M,), (0.001,), (0.0,)))
                 master.say(Kind.POSITION, self.positions, (self.now_us, 1, line), self.now_us)
             end_us = self.now_us + SECOND // 10
             while (next_us := self.slave.next_timer_us()) is not None and next_us < end_us:

@@ -40,11 +40,12 @@ def packed(contents):
 
 
 CONTINUED = [NONCE + 1, COOKIE_VALUE, packed(CONTINUING), b""]
-PLACE, BOUND = number("3cac0831"), number("43480000000000003ca3d70b3cf5c28f")
+PLACE, BOUND = number("3cac0831"), number("4348000000000000428000003ca3d70b3cf5c28f")
 ONE_NEWTON, DOUBLE, THREE_AXES = number("3f800000"), number("3fb999999999999a"), number("3f800000c000000040400000")
 LOST = "0.021 m; KEEPALIVE 2 confirmed FORCE 1; 10 % are lost, and after 80 % of these the next one, too"
 MOVING = "0.021 m, moving at 0.1 m/s: float32, float16"
-BETWEEN = "1 N; 200 N/m and no damping between 0.02 and 0.03 m"
+BENT = "the same, and faster by 2 m/s², which dies out: another float16"
+BETWEEN = "1 N; 200 N/m, which grow by 64 N/m per N, and no damping between 0.02 and 0.03 m"
 UNKNOWN = "the scene cannot tell: every position is needed"
 LAST = "1 N; sequence and time stamp are followed by 0"
 
@@ -69,6 +70,7 @@ IN_SESSION = [
     ("keepalive", "FORCE 1 still holds", KEEPALIVE, 2, [46_000, 1]),
     ("position that waited", "KEEPALIVE 2 had arrived 12 ms before", POSITION, 6, [47_500, 2, PLACE, 12]),
     ("position with a velocity", MOVING, POSITION, 4, [47_000, 2, PLACE + number("2e66")]),
+    ("position with an acceleration", BENT, POSITION, 5, [48_000, 2, PLACE + number("2e664000")]),
     ("force with a stiffness bound", BETWEEN, FORCE, 5, [47_000, ONE_NEWTON, BOUND]),
     ("keepalive with a stiffness bound", UNKNOWN, KEEPALIVE, 6, [48_000, 5, b""]),
     ("numbers about to wrap", LAST, FORCE, 2**32 - 1, [2**32 - 1, ONE_NEWTON]),
