@@ -208,8 +208,7 @@ Scene: TypeAlias = Annotated[
     ),
 ]
 Announce: TypeAlias = Annotated[
-    Literal["declared", "measured", "nothing"],
-    Option("What to tell masters that ask for the contact ahead: what the scene declares, or what was measured of it."),
+    bool, Option("Tell masters that ask for it what the scene declares of the contact ahead.")
 ]
 Announced: TypeAlias = Annotated[
     bool, Option("Ask the slave to announce the contact ahead, and render it without delay.")
@@ -351,4 +350,4 @@ class SharedSlaveOptions:
     insecure: Insecure = False
     most_sessions: MostSessions = 64
     most_sessions_per_key: MostSessionsPerKey = 16
-    announce: Announce = "declared"
+    announce: Announce = True

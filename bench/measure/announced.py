@@ -28,10 +28,9 @@ from hapticnet.node.slave import SlaveNode
 from hapticnet.operator.scripted import InsertionSettings, ScriptedOperator
 from hapticnet.perception import WeberLaw
 from hapticnet.protocol.wire import Kind
-from hapticnet.samples import ForceSample, PositionSample
+from hapticnet.samples import PositionSample
 from hapticnet.scene.ahead import REACH_M, LayerAhead
 from hapticnet.scene.base import Touchable
-from hapticnet.scene.measured import MeasuredScene
 from hapticnet.scene.scene import Scene
 from hapticnet.scene.sources import find_scene
 
@@ -62,7 +61,6 @@ class Case:
     announced: bool = False
     positions: Literal["raw", "line"] = "raw"
     says: str = ""
-    noise_n: float = 0.0
     delay_ms: int = 50
     jitter_ms: int = 0
     loss: float = 0.0
@@ -90,25 +88,10 @@ LIES: Final[dict[str, Callable[[LayerAhead], LayerAhead]]] = {
 }
 
 
-MEASURED: Final = "as measured"
-
-
 class Says(Scene):
     """A scene with altered announcements."""
 
     lie: Callable[[LayerAhead], LayerAhead] | None = None
-    noise_n = 0.0
-
-    def noisy(self, case: Case) -> "Says":
-        """Return the scene with noise in its forces."""
-        self.noise_n, self._rng = case.noise_n, np.random.default_rng([case.seed, 5])
-        if case.noise_n:
-            quiet = self.step
-            self.step = lambda sample: self._noisy(quiet(sample))  # type: ignore[method-assign]
-        return self
-
-    def _noisy(self, result: ForceSample) -> ForceSample:
-        return ForceSample(result.t_us, (result.force_n[0] + self._rng.normal(0.0, self.noise_n),))
 
     def ahead(self) -> tuple[LayerAhead, ...]:
         layers = super().ahead()
@@ -122,8 +105,7 @@ def run(case: Case) -> Row:
     def make_scene(_: object) -> Touchable:
         scene = Says(settings.tissues, name=settings.name, reach_m=case.reach_m)
         scene.lie = LIES.get(case.says)
-        scene.noisy(case)
-        return MeasuredScene(scene) if case.says == MEASURED else scene
+        return scene
 
     spec = f"delay={case.delay_ms}ms,loss={100 * case.loss}%"
     spec += f",jitter=normal:{case.jitter_ms}ms" if case.jitter_ms else ""
@@ -200,11 +182,6 @@ def cases(arguments: argparse.Namespace) -> list[Case]:
             grid += [replace(link, codec=codec, announced=announced) for codec, announced in ways]
         bad = replace(base, announced=True, loss=0.0)
         grid += [replace(bad, says=says, codec=codec) for says in LIES for codec in ("deadband", "motion-predictive")]
-        grid += [
-            replace(bad, says=MEASURED, noise_n=noise_n, hand=InsertionSettings(insertions=insertions))
-            for noise_n in (0.0, 2e-3, 5e-3)
-            for insertions in (1, 5)
-        ]
         grid += [replace(bad, loss=0.05, reach_m=reach) for reach in (0.002, 0.005, 0.01, 0.02)]
         for loss in (0.0, 0.05):
             grid += [replace(base, announced=on, positions="line", loss=loss) for on in (False, True)]
@@ -214,7 +191,7 @@ def cases(arguments: argparse.Namespace) -> list[Case]:
 
 
 KEY: Final = (
-    "scene", "codec", "announced", "positions", "says", "noise_n", "insertions", "delay_ms", "jitter_ms", "loss",
+    "scene", "codec", "announced", "positions", "says", "insertions", "delay_ms", "jitter_ms", "loss",
     "reach_m",
 )  # fmt: skip
 
@@ -234,6 +211,25 @@ def averaged(rows: Sequence[Row]) -> list[Row]:
                 mean[name] = None if value is None else max(values) if "longest" in name else float(np.mean(values))
         made.append(mean)
     return made
+
+
+def show(rows: Sequence[Row]) -> None:
+    """Print the rows as a table."""
+    print(
+        f"{'scene':16}{'codec':32}{'announced':26}{'link':>16}{'reach':>7}   >JND   RMSE longest: wrong, on model"
+        "  energy  forces bytes/s: back, forth"
+    )
+    for row in rows:
+        codec = row["codec"] + (" + announced" if row["announced"] else "")
+        codec += ", line" if row["positions"] == "line" else ""
+        link = f"{row['delay_ms']} ±{row['jitter_ms']} ms {100 * row['loss']:.0f} %"
+        print(
+            f"{row['scene'][:15]:16}{codec:32}{row['says']:26}{link:>16}{1e3 * row['reach_m']:4.0f} mm"
+            f" {100 * row['felt_above_jnd']:5.1f} % {row['felt_rmse_n']:6.3f} {row['longest_wrong_ms']:6.0f} ms"
+            f" {row['longest_wrong_model_ms']:6.0f} ms {1e3 * row['energy_peak_j']:6.2f} mJ {row['forces']:6.0f}"
+            f" {row['feedback_bytes_per_s']:7.0f} {row['forward_bytes_per_s']:7.0f}  models {row['models'] or 0:.0f}"
+            f" corrections {row['corrections'] or 0:.0f} on model {100 * row['on_model']:.0f} %"
+        )
 
 
 def measure(arguments: argparse.Namespace) -> list[Row]:

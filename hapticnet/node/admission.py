@@ -35,7 +35,6 @@ from hapticnet.protocol.settings import Entropy, SessionSettings, random_bytes
 from hapticnet.protocol.slave_session import SlaveSession
 from hapticnet.protocol.wire import SEALED, Kind, pack, pack_body
 from hapticnet.scene.base import Touchable, bound_method, copy_method, lead_limit_n, look_ahead_of
-from hapticnet.scene.measured import MeasuredScene
 from hapticnet.user_code import raised
 
 MOST_HALF_OPEN: Final = 128  # half-open sessions at once. They take no seat; this bounds their memory.
@@ -306,7 +305,7 @@ class Admission:
                 Code.AXES, f"the master has {axes_of(request.axes)}; scene {scene.name!r} has {scene.axes}"
             )
         # Only a scene that says how its force may change is stepped at positions that the master did not send.
-        says = request.announced and self._settings.announces != "nothing"
+        says = request.announced and self._settings.announces
         announced = says and look_ahead_of(scene) is not None
         # A codec that follows the hand's own position would be judged where a robot is that moves ahead.
         may_lead = lead_limit_n(scene) > 0.0 and not codec.needs_position and not announced
@@ -363,7 +362,7 @@ class Admission:
             welcome: Callable[[str], None] | None = getattr(scene, "welcome", None)
             if welcome is not None:
                 welcome(master)
-            return MeasuredScene(scene) if self._settings.announces == "measured" and scene.axes == 1 else scene
+            return scene
         except BaseException as error:  # a scene of the user's own may raise anything
             raise RefusalError(Code.FAILED, f"the scene cannot be made: {raised(error)}") from error
 

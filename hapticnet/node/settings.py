@@ -75,9 +75,6 @@ def device_axis(takes: DeviceTakes, axes: int) -> int | None:
     return axis
 
 
-Announces: TypeAlias = Literal["declared", "measured", "nothing"]
-
-
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SlaveSettings:
     """What a slave grants, and how it keeps each of its sessions."""
@@ -85,9 +82,7 @@ class SlaveSettings:
     record: bool = False  # whether every sample is recorded
     record_datagrams: bool = False  # whether every datagram is recorded
     on_error: Literal["end", "pause"] = "end"  # at an exception of the scene: end, or zero force until `resume`
-    # what masters that ask for it are told of the contact ahead: what the scene declares, what `MeasuredScene` learns
-    # of it, or nothing
-    announces: Announces = "declared"
+    announces: bool = True  # whether masters that ask for it are told of the contact ahead
     fastest_rate_hz: float = 10_000.0  # highest sample rate granted to a master [Hz]
     session: SessionSettings = field(default_factory=SessionSettings)
 

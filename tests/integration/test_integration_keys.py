@@ -189,8 +189,8 @@ def test_hangup_of_a_slave_without_a_list_changes_nothing(start, slave):
 def insertion(start, sealed, keys) -> Callable[..., tuple[dict, dict]]:
     """Return what plays an insertion through a link; it returns the session of the slave and the master's report."""
 
-    def play(link: str, *options: str, slave: tuple[str, ...] = ()) -> tuple[dict, dict]:
-        server, address = sealed("--scene", "paper:1", *slave)
+    def play(link: str, *options: str) -> tuple[dict, dict]:
+        server, address = sealed("--scene", "paper:1")
         options = (*options, "--insertions", "1", "--json", "--channel-out", link, "--channel-in", link)
         master = start("master", "--connect", address, *keys.of("first"), *options, *FAST)
         assert master.process.wait(30) == 0, master.said()
@@ -202,9 +202,8 @@ def insertion(start, sealed, keys) -> Callable[..., tuple[dict, dict]]:
     return play
 
 
-@pytest.mark.parametrize("announce", ["declared", "measured"])
-def test_the_contact_ahead_is_announced_over_a_real_network(insertion, announce):
-    session, report = insertion("delay=20ms,loss=2%", "--announced", slave=("--announce", announce))
+def test_the_contact_ahead_is_announced_over_a_real_network(insertion):
+    session, report = insertion("delay=20ms,loss=2%", "--announced")
     account = session["announced"]
     assert account["models"] >= 1
     assert account["unusable"] == 0

@@ -71,7 +71,7 @@ def paper():
     return Scene(find_scene("paper:1").tissues, name="paper:1")
 
 
-def link_with(make_scene, spec="delay=50ms", *, operator=None, announces="declared", seed=1, **chosen):
+def link_with(make_scene, spec="delay=50ms", *, operator=None, announces=True, seed=1, **chosen):
     operator = operator or ScriptedOperator(InsertionSettings(insertions=1), np.random.default_rng(seed))
     settings = {"announced": True, "record": True, **chosen}
     link = linked(operator, lambda _: make_scene(), slave={"announces": announces}, **settings)
@@ -168,7 +168,7 @@ def test_few_positions_are_enough_for_what_is_announced(spec):
 
 @pytest.mark.parametrize(
     ("announced", "announces", "scene"),
-    [(False, "declared", paper), (True, "nothing", paper), (True, "declared", lambda: Silent())],
+    [(False, True, paper), (True, False, paper), (True, True, lambda: Silent())],
     ids=["not asked for", "refused", "a scene that cannot"],
 )
 def test_either_side_can_do_without(announced, announces, scene):
