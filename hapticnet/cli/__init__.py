@@ -16,7 +16,6 @@ from hapticnet.cli import (
     experiment,
     key,
     recordings,
-    replay,
     scene,
     settings,
     sweep,
@@ -83,8 +82,7 @@ def master(given: MasterOptions) -> None:
 
 app.command(short_help="Run a codec over a recorded force.")(encode.encode)
 app.command(short_help="Compare every codec on recordings with the best possible.")(compare.compare)
-app.command(short_help="Print what a recording contains.")(recordings.info)
-app.command(short_help="Play a recording's hand to a slave, or its force through a codec and channel.")(replay.replay)
+app.command(short_help="Print what a recording holds.")(recordings.info)
 app.command(short_help="Write a recording as CSV, Parquet, NumPy or MCAP.")(recordings.export)
 app.command(short_help="Complete a recording after a crash.")(recordings.recover)
 app.command(short_help="List the codecs with their rules and parameters.")(codecs.codecs)

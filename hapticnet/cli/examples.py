@@ -65,10 +65,6 @@ EXAMPLES: Final[dict[tuple[str, ...], tuple[str, ...]]] = {
         "hapticnet export run.mcap --format csv",
         "hapticnet export run.csv --format parquet --out table.parquet",
     ),
-    ("replay",): (
-        "hapticnet replay run.mcap --connect 127.0.0.1:47800",
-        "hapticnet replay recordings/master-00012345.mcap --codec adaptive-predictive --channel-in 4g --device sim",
-    ),
     ("codecs",): ("hapticnet codecs", "hapticnet codecs --json"),
     ("doctor",): ("hapticnet doctor", "hapticnet doctor --device serial:auto --quick"),
     ("config",): (

@@ -33,7 +33,7 @@ from hapticnet.files import user_path
 from hapticnet.options import option_of
 from hapticnet.runtime.nonblocking_log import STDERR, Form, Level, LogLine, keep_log
 
-LOGGING: Final = {("master",), ("slave",), ("replay",)}
+LOGGING: Final = {("master",), ("slave",)}
 """Verbs that run until they are stopped: their lines on stderr have time and level."""
 
 UNITS: Final = {"duration": "SECONDS", "sampling_rate": "HZ", "floor": "NEWTONS", "rate": "HZ", "weber": "FRACTION"}

@@ -139,7 +139,7 @@ def test_an_export_of_what_is_no_recording_says_so_and_writes_nothing(run, tmp_p
 def test_a_part_of_a_recording_is_not_read_as_a_force(run, tmp_path, name):
     write_session(tmp_path / "run.csv", ticks=10)
     said = f"a part of a recording; name its main file, {tmp_path / 'run.csv'}"
-    for verb in ("encode", "compare", "replay"):
+    for verb in ("encode", "compare"):
         assert_only_line(run(verb, tmp_path / name), said, code=FileError.exit_code)
 
 
@@ -174,13 +174,6 @@ def test_info_shows_a_person_a_line_for_each_event_and_what_was_in_force_when(ru
     note = "channel_in, codec, parameters changed during this recording, at t_us 1100000: "
     assert [line for line in shown if note in line]
     assert "complete        yes" in shown
-
-
-def test_replay_refuses_what_does_not_fit(run, tmp_path):
-    write_session(tmp_path / "run.csv", ticks=10, axes=3)
-    words = ("replay", tmp_path / "run.csv", "--force-column", "held_x_n")
-    assert_only_line(run(*words), "a force of 1 axis for positions of 3", code=SettingsError.exit_code)
-    assert_only_line(run(*words, "--connect", "127.0.0.1:9"), "with --connect the slave's scene makes the force")
 
 
 def test_nothing_in_a_file_speaks_to_the_terminal(run, tmp_path):

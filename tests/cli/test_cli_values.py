@@ -2,7 +2,6 @@
 
 import pytest
 
-from hapticnet.cli.replay import _rate_hz
 from hapticnet.cli.settings import option_key
 from hapticnet.cli.verbs import LOGGING
 from tests.cli.test_cli_errors import assert_only_line
@@ -21,7 +20,6 @@ NEEDED = {
     ("encode",): ("hand.csv", "--position-column", "x_m"),
     ("compare",): ("hand.csv", "--position-column", "x_m", "--scene", "paper:1", "--plot-dir", "plots"),
     ("info",): ("hand.csv",),
-    ("replay",): ("hand.csv",),
     ("export",): ("hand.csv",),
     ("recover",): ("hand.csv",),
     ("scene", "run"): ("paper", "--trace", "hand.csv", "--position-column", "x_m"),
@@ -103,15 +101,3 @@ def test_an_empty_value_in_a_file_is_refused(run, tmp_path):
 )
 def test_a_refusal_says_what_would_be_right(words, right):
     assert right in refusal(hapticnet(*words))
-
-
-@pytest.mark.parametrize(("step_us", "rate_hz"), [(1_000, 1_000.0), (100_000, 20.0), (10, 10_000.0)])
-def test_a_recording_of_any_rate_is_replayed_at_one_that_a_slave_grants(step_us, rate_hz):
-    assert _rate_hz([step_us * n for n in range(100)]) == rate_hz
-
-
-def test_ticks_that_were_late_or_left_out_do_not_change_the_rate_of_a_replay():
-    missing, late = {30, 31, 32, 500}, {100: 600, 700: 900, 701: 400}
-    t_us = [1000 * n + late.get(n, 0) for n in range(2000) if n not in missing]
-    assert _rate_hz(t_us) == 1000.0
-    assert _rate_hz([round(n * 1e6 / 3000) for n in range(3000)]) == 3000.0

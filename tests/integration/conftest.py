@@ -78,7 +78,7 @@ def start(tmp_path: Path) -> Iterator[Callable[..., Process]]:
     started: list[Process] = []
 
     def start_process(*arguments: str, prefix: tuple[str, ...] = (), **streams: int) -> Process:
-        more = ["--no-real-time"] if arguments[0] in ("slave", "master", "replay") else []
+        more = ["--no-real-time"] if arguments[0] in ("slave", "master") else []
         process = Process([*arguments, *more], list(prefix), tmp_path, streams)
         started.append(process)
         return process
