@@ -60,8 +60,8 @@ EXAMPLES: Final[dict[tuple[str, ...], tuple[str, ...]]] = {
         "hapticnet compare force.npy --force-column 2 --sampling-rate 1000 --loss 5% --codecs 'deadband;raw' --json",
     ),
     ("info",): ("hapticnet info run.mcap", "hapticnet info run.csv --json"),
-    ("recover",): ("hapticnet recover run.mcap.unfinished", "hapticnet recover copied.mcap --out whole.mcap"),
     ("export",): (
+        "hapticnet export run.mcap.unfinished",
         "hapticnet export run.mcap --format csv",
         "hapticnet export run.csv --format parquet --out table.parquet",
     ),

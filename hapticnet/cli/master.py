@@ -37,8 +37,8 @@ from hapticnet.protocol.states import (
 )
 from hapticnet.recordings.session.archive import check_format
 from hapticnet.recordings.session.mcap_writer import DISTURBANCES
-from hapticnet.recordings.session.recovery import refuse_if_recorded
 from hapticnet.recordings.session.session import settings_line
+from hapticnet.recordings.session.sink import refuse_if_recorded
 from hapticnet.runtime import devices
 from hapticnet.runtime.overload import Overload, signs
 from hapticnet.runtime.recorder import MasterRecording

@@ -1,4 +1,4 @@
-"""``hapticnet info``, ``recover`` and ``export``: recordings of sessions after the session."""
+"""``hapticnet info`` and ``export``: recordings of sessions after the session."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Final, get_args
@@ -32,40 +32,14 @@ def info(
     deliver(account, as_json=json, file=report, shown=_overview(account))
 
 
-def recover(
-    file: Annotated[
-        Path, typer.Argument(metavar="FILE", help="FILE.unfinished, or an .mcap file that is cut off or damaged.")
-    ],
-    out: Annotated[Path | None, typer.Option(metavar="FILE", help="File for the completed recording.")] = None,
-    json: options.Json = False,
-    report: options.Report = None,
-) -> None:
-    """Complete a recording whose writer was killed, or whose disk was full.
-
-    FILE.unfinished becomes FILE. An .mcap file that is cut off or damaged is kept, and its undamaged part goes to
-    NAME-recovered.mcap.
-    """
-    from hapticnet.cli.console import Console, check_outputs, deliver
-    from hapticnet.recordings.session.recovery import recover_file
-
-    check_outputs(report, inputs=[file])
-    done = recover_file(file, out)
-    console = Console("recover")
-    if done.was_complete:
-        console.say(f"{file} is complete; there is nothing to recover")
-    elif done.count:
-        console.say(f"wrote {done.path}")
-    else:
-        console.warn(f"nothing in {file} is undamaged; {done.path} has no rows")
-    account = {"file": str(done.path), "recovered": done.count, "was_complete": done.was_complete}
-    deliver(account, as_json=json, file=report)
-
-
 def export(
     file: File,
     form: Annotated[
         options.ExportFormat | None,
-        typer.Option("--format", help="Format to write; default: from --out. mcap is for Foxglove and PlotJuggler."),
+        typer.Option(
+            "--format",
+            help="Format to write; default: that of --out, or of the recording that FILE.unfinished was to be.",
+        ),
     ] = None,
     out: Annotated[
         Path | None, typer.Option(metavar="FILE", help="The main file; default: FILE with another suffix.")
@@ -73,20 +47,28 @@ def export(
     overwrite: options.Overwrite = False,
     max_size: options.MaxSize = options.MAX_SIZE,
 ) -> None:
-    """Write a recording in another format."""
+    """Write a recording in another format, or again as far as it is whole: FILE.unfinished, or one that is damaged.
+
+    The format mcap is for Foxglove and PlotJuggler. FILE is kept.
+    """
     from hapticnet.cli.console import Console, check_new, check_outputs
     from hapticnet.errors import SettingsError
     from hapticnet.recordings.session.export import export as write
     from hapticnet.recordings.session.export import exported_files
     from hapticnet.recordings.session.reading import read_session
+    from hapticnet.recordings.session.sink import named, refuse_if_recorded
 
-    chosen = form or ("" if out is None else out.suffix.lower().removeprefix("."))
+    whole = named(file)
+    like = whole if out is None and whole != file else out
+    chosen = form or ("" if like is None else like.suffix.lower().removeprefix("."))
     if chosen not in get_args(options.ExportFormat):
         raise SettingsError("choose a format: --format csv, mcap, npz or parquet")
-    target = out or file.with_suffix(f".{chosen}")
+    target = out or whole.with_suffix(f".{chosen}")
     if target.suffix.lower() != f".{chosen}":
         raise SettingsError(f"{target}: expected a name that ends in .{chosen}")
-    session = read_session(file, max_bytes=max_size)  # first, otherwise its name might be blamed
+    if whole != file:
+        refuse_if_recorded(whole)
+    session = read_session(file, max_bytes=max_size)  # first: else its name might be blamed
     files = exported_files(target)
     check_outputs(*files, inputs=[file])
     check_new(*files, overwrite=overwrite)
@@ -166,5 +148,5 @@ def _complete_in_words(account: dict[str, Any]) -> str:
     if account["complete"]:
         return "yes"
     if not account["is_whole"]:
-        return f"no, cut off or damaged; 'hapticnet recover {account['file']}' saves the undamaged part"
+        return f"no, cut off or damaged; 'hapticnet export {account['file']} --out OTHER' saves what is whole"
     return f"no; {account['about'].get(INCOMPLETE, 'its recording stopped before its session ended')}"

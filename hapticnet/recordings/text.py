@@ -77,11 +77,13 @@ class _IrregularError(Exception):
 class TextSource:
     """A text table as columns, with only the requested ones in memory; the others may contain anything.
 
-    Blank lines and lines that start with ``#`` or ``%`` are skipped. `_find_layout` finds separators and header.
+    Blank lines and lines that start with ``#`` or ``%`` are skipped. Of a `torn` table, whose writer may have
+    been killed, a last line without a line end is left out. `_find_layout` finds separators and header.
     """
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path: Path, *, torn: bool = False) -> None:
         self.path = path
+        self._torn = torn
         self._encoding = _encoding_of(path)
         comment = ""
         sample: list[tuple[int, str]] = []
@@ -230,6 +232,8 @@ class TextSource:
         for line in iter(partial(file.readline, LONGEST_LINE), ""):
             if len(line) == LONGEST_LINE:
                 raise FileError(f"{self.path}: a line is longer than {LONGEST_LINE} characters; this is not a table")
+            if self._torn and not line.endswith("\n"):
+                return
             yield line
 
     def _fault(self, row: int, index: int, cell: str, expected: str) -> FileError:

@@ -159,7 +159,7 @@ class Recorder:
             how = f"signal {-code}" if code < 0 else f"exit code {code}"
             which = self._path or "FILE"
             self.stop(
-                f"its writer process ended ({how}); 'hapticnet recover {which}' completes what was written",
+                f"its writer process ended ({how}); 'hapticnet export {which}.unfinished' completes what was written",
                 is_fault=True,
             )
 

@@ -54,29 +54,30 @@ def test_info_says_what_a_recording_holds(run, tmp_path, suffix):
     assert f"side            master\nbegun           {account['begun']}" in run("info", path).stdout
 
 
-def test_recover_completes_and_says_so(run, tmp_path):
-    write_session(tmp_path / "run.mcap", ticks=TICKS, finish=False)
-    copy = tmp_path / f"copy.mcap{UNFINISHED}"
-    shutil.copy(tmp_path / f"run.mcap{UNFINISHED}", copy)
-    assert_only_line(run("info", tmp_path / "copy.mcap"), f"run 'hapticnet recover {copy}'", code=FileError.exit_code)
-    done = run("recover", copy, "--json")
-    assert json.loads(done.stdout)["file"] == str(tmp_path / "copy.mcap")
-    assert "complete        no; the source file was cut off" in run("info", tmp_path / "copy.mcap").stdout
-    assert "there is nothing to recover" in run("recover", tmp_path / "copy.mcap").stderr
-
-
 @pytest.mark.parametrize("suffix", LIVE)
-def test_info_says_that_a_recovered_recording_lacks_its_end_and_export_keeps_that(run, tmp_path, suffix):
+def test_export_completes_what_a_killed_writer_left_and_info_says_that_its_end_is_missing(run, tmp_path, suffix):
     write_session(tmp_path / f"run{suffix}", ticks=TICKS, finish=False)
     for file in sorted(tmp_path.glob(f"run*{UNFINISHED}")):  # of which nobody holds a lock
         shutil.copy(file, tmp_path / file.name.replace("run", "copy"))
-    assert run("recover", tmp_path / f"copy{suffix}").returncode == 0
     path = tmp_path / f"copy{suffix}"
+    advice = f"run 'hapticnet export {path}{UNFINISHED}'"
+    assert_only_line(run("info", path), advice, code=FileError.exit_code)
+    assert f"wrote {path}" in run("export", f"{path}{UNFINISHED}").stderr
     for _ in range(2):
         assert json.loads(run("info", path, "--json").stdout)["complete"] is False
         assert "complete        no; " in run("info", path).stdout
         run("export", path, "--format", "mcap", "--out", tmp_path / "exported.mcap")
         path = tmp_path / "exported.mcap"
+
+
+def test_what_is_still_being_written_is_not_exported(run, tmp_path):
+    archive = make_archive([])
+    feed(archive, pack_begin(1, heading(tmp_path / "run.mcap")))
+    give_rows(archive, tick_rows(5))
+    archive.flush()
+    unfinished = tmp_path / f"run.mcap{UNFINISHED}"
+    assert_only_line(run("export", unfinished), "is still being written", code=FileError.exit_code)
+    archive.finish()
 
 
 @pytest.mark.parametrize("suffix", ["csv", "npz", "mcap"])

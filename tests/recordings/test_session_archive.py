@@ -11,7 +11,6 @@ from hapticnet.recordings.session import sink as sink_module
 from hapticnet.recordings.session.archive import FILES, check_format
 from hapticnet.recordings.session.frames import FrameKind, frame_reader, pack_begin, pack_frame
 from hapticnet.recordings.session.reading import read_session
-from hapticnet.recordings.session.recovery import recover_file
 from hapticnet.recordings.session.sink import UNFINISHED
 from tests.recordings.session_cases import (
     LIVE,
@@ -104,10 +103,9 @@ def test_a_full_disk_ends_the_recording_in_one_line_and_keeps_what_is_written(
     archive.finish()
     monkeypatch.setattr(sink_module.os, "write", write)
     path = tmp_path / f"a{suffix}"
-    advice = f"what was written can be completed with 'hapticnet recover {path}{UNFINISHED}'"
+    advice = f"what was written can be completed with 'hapticnet export {path}{UNFINISHED}'"
     assert said == [f"True: {path}: No space left on device; {advice}"]
-    recover_file(tmp_path / f"a{suffix}{UNFINISHED}")
-    assert len(read_session(path).main["t_us"]) == 100
+    assert len(read_session(tmp_path / f"a{suffix}{UNFINISHED}").main["t_us"]) == 100
 
 
 def test_a_file_that_is_deleted_is_told_in_one_line(tmp_path, archive, said):
@@ -151,8 +149,7 @@ def test_rows_that_cannot_become_a_file_are_kept(tmp_path, archive, said, suffix
     (line,) = said
     assert f"{path}: Is a directory; what was written can be completed with" in line
     path.rmdir()
-    recover_file(tmp_path / f"a{suffix}{UNFINISHED}")
-    assert len(read_session(path).main["t_us"]) == 10
+    assert len(read_session(tmp_path / f"a{suffix}{UNFINISHED}").main["t_us"]) == 10
 
 
 def test_parts_of_an_earlier_csv_recording_are_not_taken_for_parts_of_a_new_one(tmp_path, archive):

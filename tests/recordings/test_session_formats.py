@@ -17,13 +17,12 @@ from mcap_protobuf.decoder import DecoderFactory
 from hapticnet.errors import FileError, UnavailableError
 from hapticnet.node.recording import DATAGRAM_COLUMNS, master_columns
 from hapticnet.recordings.loading import load_motion, load_recording
-from hapticnet.recordings.session import mcap_reader, recovery
+from hapticnet.recordings.session import mcap_reader
 from hapticnet.recordings.session import session as session_module
 from hapticnet.recordings.session.export import export
 from hapticnet.recordings.session.mcap_reader import records
 from hapticnet.recordings.session.protobuf import LEVELS, log_descriptor, pack_log, row_descriptor, unpack_log, varint
 from hapticnet.recordings.session.reading import read_session
-from hapticnet.recordings.session.recovery import recover_file
 from hapticnet.recordings.session.session import as_type
 from tests.recordings.session_cases import (
     ABOUT,
@@ -248,15 +247,6 @@ def test_a_description_that_is_repeated_counts_once(tmp_path):
     with (tmp_path / "run.mcap").open("rb") as file:
         found = [record for record in records(file, tmp_path / "run.mcap", 2**30) if type(record).__name__ == "Channel"]
     assert [channel.id for channel in found].count(9) == 1
-
-
-def test_recovery_unpacks_a_bounded_multiple_of_the_file(tmp_path, monkeypatch):
-    monkeypatch.setattr(recovery, "MAX_BYTES", 10_000)
-    monkeypatch.setattr(recovery, "MOST_PER_BYTE", 2)
-    message = mcap_record(5, (3).to_bytes(2, "little") + bytes(100))
-    mcap_with_chunks(tmp_path / "run.mcap", (message * 10_000, "zstd", None))
-    with pytest.raises(FileError, match="unpacks to more than 10000 bytes"):
-        recover_file(tmp_path / "run.mcap")
 
 
 def test_events_and_json_of_every_format_are_limited_because_they_grow_in_memory(tmp_path, monkeypatch, suffix):

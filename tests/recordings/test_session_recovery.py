@@ -3,9 +3,7 @@
 import json
 import os
 import random
-import shutil
 from pathlib import Path
-from tempfile import TemporaryDirectory
 
 import numpy as np
 import pytest
@@ -14,8 +12,7 @@ from mcap.reader import make_reader
 from hapticnet.errors import FileError, HapticnetError
 from hapticnet.recordings.session.export import export
 from hapticnet.recordings.session.reading import read_session
-from hapticnet.recordings.session.recovery import recover_file, refuse_if_recorded
-from hapticnet.recordings.session.sink import UNFINISHED
+from hapticnet.recordings.session.sink import UNFINISHED, refuse_if_recorded
 from tests.recordings.session_cases import (
     EVENTS,
     LIVE,
@@ -31,13 +28,6 @@ from tests.recordings.session_cases import (
 CUTS = 1000
 FLIPS = 60
 BATCH = 20
-
-
-def left_behind(tmp_path, suffix, ticks=300):
-    """Return a recording whose writer was killed, in a folder of its own."""
-    write_session(tmp_path / f"run{suffix}", ticks=ticks, finish=False)
-    shutil.copytree(tmp_path, tmp_path / "copy", ignore=shutil.ignore_patterns("copy"))
-    return tmp_path / "copy" / f"run{suffix}{UNFINISHED}"
 
 
 @pytest.fixture(scope="module")
@@ -93,22 +83,21 @@ def test_a_byte_that_is_changed_costs_at_most_its_chunk_or_what_follows(tmp_path
 
 
 @pytest.mark.parametrize("share", [0.3, 0.6, 0.95])
-def test_what_is_recovered_opens_in_the_public_reader(tmp_path, whole, share):
+def test_what_is_whole_of_a_cut_file_opens_in_the_public_reader(tmp_path, whole, share):
     data, _ = whole
     path = tmp_path / "cut.mcap"
     path.write_bytes(data[: int(share * len(data))])
     before = read_session(path)
-    done = recover_file(path)
-    assert done.path == tmp_path / "cut-recovered.mcap"
-    assert path.exists(), "the original is kept"
-    with done.path.open("rb") as file:
+    whole_again = tmp_path / "whole.mcap"
+    export(before, whole_again)
+    with whole_again.open("rb") as file:
         reader = make_reader(file, validate_crcs=True)
         summary = reader.get_summary()
         counts = summary.statistics.channel_message_counts
         ticks = next(number for number, channel in summary.channels.items() if channel.topic == "/master/tick")
-        assert counts.get(ticks, 0) == done.count
+        assert counts.get(ticks, 0) == len(before.main["t_us"])
         assert sum(1 for _ in reader.iter_messages()) == summary.statistics.message_count
-    after = read_session(done.path)
+    after = read_session(whole_again)
     assert after.is_whole
     assert not after.complete, "something is missing"
     assert after.about.pop("incomplete") == "the source file was cut off or damaged"
@@ -117,68 +106,25 @@ def test_what_is_recovered_opens_in_the_public_reader(tmp_path, whole, share):
 
 
 @pytest.mark.parametrize("suffix", LIVE)
-def test_what_a_killed_writer_left_becomes_a_complete_recording(tmp_path, suffix):
-    path = left_behind(tmp_path, suffix)
-    with pytest.raises(FileError, match=f"hapticnet recover .*{UNFINISHED}"):
-        read_session(path.with_name(f"run{suffix}"))
-    done = recover_file(path.with_name(f"run{suffix}"))
-    assert (done.path, done.count, done.was_complete) == (path.with_name(f"run{suffix}"), 300, False)
-    session = read_session(done.path)
+def test_what_a_killed_writer_left_is_read_like_a_complete_recording(tmp_path, suffix):
+    path, left = tmp_path / f"run{suffix}", tmp_path / f"run{suffix}{UNFINISHED}"
+    write_session(path, ticks=300, finish=False)
+    with pytest.raises(FileError, match=f"hapticnet export .*{UNFINISHED}"):
+        read_session(path)
+    session = read_session(left)
+    assert not session.complete
     assert [tuple(event) for event in session.events] == EVENTS
     np.testing.assert_array_equal(session.main["held_n"], tick_rows(300)[:, 3])
     np.testing.assert_array_equal(session.tables["datagram"]["t_us"], datagram_rows(600)[:, 0])
-    assert not list(path.parent.glob("*.unfinished*"))
 
 
-def test_a_row_that_was_not_written_completely_is_left_out(tmp_path):
-    path = left_behind(tmp_path, ".csv")
-    path.write_bytes(path.read_bytes()[:-5])
-    assert recover_file(path).count == 299
-
-
-@pytest.mark.parametrize(
-    ("name", "content", "message"),
-    [
-        ("missing.mcap", None, "no such file"),
-        ("a.csv", b"t_us,x\n", "only .mcap files and"),
-        ("empty.mcap", b"", "not an MCAP file"),
-        ("a.txt.unfinished", b"", "not an unfinished recording"),
-    ],
-)
-def test_what_cannot_be_recovered_is_told_in_one_line(tmp_path, name, content, message):
-    path = tmp_path / name
-    if content is not None:
-        path.write_bytes(content)
-    with pytest.raises(FileError, match=message) as caught:
-        recover_file(path)
-    assert "\n" not in str(caught.value)
-    assert not list(tmp_path.glob("*-recovered*"))
-
-
-def test_a_complete_file_needs_no_recovery_and_an_existing_one_is_not_replaced(tmp_path, whole):
-    (tmp_path / "run.mcap").write_bytes(whole[0])
-    assert recover_file(tmp_path / "run.mcap").was_complete
-    assert [file.name for file in tmp_path.iterdir()] == ["run.mcap"]
-    path = tmp_path / "cut.mcap"
-    path.write_bytes(whole[0][:-100])
-    (tmp_path / "cut-recovered.mcap").write_text("precious")
-    with pytest.raises(FileError, match="exists; name another file with --out"):
-        recover_file(path)
-    assert recover_file(path, tmp_path / "other.mcap").count > 0
-
-
-@pytest.mark.parametrize("name", ["run.csv", "run.events.csv", "run.about.json", "run.mcap"])
-@pytest.mark.parametrize("kind", ["link", "pipe"])
-def test_a_link_or_a_pipe_in_the_place_of_a_file_is_refused_and_nothing_is_changed(tmp_path, name, kind):
-    path = left_behind(tmp_path, ".mcap" if ".mcap" in name else ".csv")
-    precious, file = tmp_path / "precious", path.parent / f"{name}{UNFINISHED}"
-    file.rename(precious)
-    os.mkfifo(file) if kind == "pipe" else file.symlink_to(precious)
-    before = precious.stat()
-    with pytest.raises(FileError, match=r"is a (link|pipe); "):
-        recover_file(path)
-    assert precious.stat() == before
-    assert path.exists()
+def test_rows_and_events_that_were_not_written_completely_are_left_out(tmp_path):
+    write_session(tmp_path / "run.csv", ticks=300, finish=False)
+    for name in ("run.csv", "run.events.csv"):
+        torn = tmp_path / f"{name}{UNFINISHED}"
+        torn.write_bytes(torn.read_bytes()[:-5])
+    session = read_session(tmp_path / f"run.csv{UNFINISHED}")
+    assert (len(session.main["t_us"]), len(session.events)) == (299, len(EVENTS) - 1)
 
 
 @pytest.mark.parametrize("suffix", SUFFIXES)
@@ -231,9 +177,8 @@ def test_a_recording_that_is_being_written_is_left_alone_and_so_is_its_name(tmp_
     begin(archive, path)
     give_rows(archive, tick_rows(10))
     archive.flush()
-    for refuse in (refuse_if_recorded, recover_file):
-        with pytest.raises(FileError, match="is still being written"):
-            refuse(path)
+    with pytest.raises(FileError, match="is still being written"):
+        refuse_if_recorded(path)
     archive.finish()
     refuse_if_recorded(path)
     assert len(read_session(path).main["t_us"]) == 10
@@ -243,19 +188,5 @@ def test_what_is_no_file_is_refused_without_waiting_for_it(tmp_path):
     pipe = tmp_path / "pipe.mcap"
     os.mkfifo(pipe)
     for path in (pipe, Path("/dev/zero"), Path("/dev/null"), Path()):
-        with pytest.raises(FileError, match=r"expected a regular file|can be recovered"):
-            recover_file(path, tmp_path / "out.mcap")
         with pytest.raises(FileError, match=r"expected a regular file"):
             read_session(path)
-
-
-@pytest.mark.parametrize("suffix", LIVE)
-def test_a_recording_can_be_recovered_to_another_disk(tmp_path, suffix):
-    path = left_behind(tmp_path, suffix)
-    with TemporaryDirectory(dir="/dev/shm") as other:
-        if os.stat(other).st_dev == os.stat(tmp_path).st_dev:
-            pytest.skip("there is only one file system")
-        target = Path(other) / f"run{suffix}"
-        assert recover_file(path, target).count == 300
-        assert len(read_session(target).main["t_us"]) == 300
-        assert not list(path.parent.iterdir())

@@ -12,7 +12,6 @@ import pytest
 from hapticnet.errors import FileError, UnavailableError
 from hapticnet.node.recording import Recording
 from hapticnet.recordings.session.reading import read_session
-from hapticnet.recordings.session.recovery import recover_file
 from hapticnet.recordings.session.session import Table
 from hapticnet.recordings.session.sink import UNFINISHED
 from hapticnet.runtime import recorder as recorder_module
@@ -100,7 +99,7 @@ def test_signals_to_the_writer_do_not_end_it(tmp_path, recorder):
 
 
 @pytest.mark.parametrize("suffix", [".mcap", ".csv"])
-def test_a_writer_that_is_killed_is_told_in_one_line_and_its_file_can_be_recovered(tmp_path, recorder, said, suffix):
+def test_a_writer_that_is_killed_is_told_in_one_line_and_its_file_can_be_read(tmp_path, recorder, said, suffix):
     path = tmp_path / f"a{suffix}"
     number = open_file(recorder, path)
     add(recorder, number, 100)
@@ -112,12 +111,11 @@ def test_a_writer_that_is_killed_is_told_in_one_line_and_its_file_can_be_recover
     recorder.end(number, {})
     recorder.finish()
     assert said == [
-        f"recording stops: its writer process ended (signal 9); 'hapticnet recover {path}' completes what was written"
+        f"recording stops: its writer process ended (signal 9); 'hapticnet export {unfinished}' completes what was written"
     ]
     with pytest.raises(FileError, match="incomplete: its writer process ended"):
         recorder.check()
-    recover_file(unfinished)
-    assert len(times(path)) == 100
+    assert len(times(unfinished)) == 100
 
 
 def test_memory_is_bounded_when_the_disk_is_slow_and_nothing_waits(tmp_path, recorder, said, monkeypatch):

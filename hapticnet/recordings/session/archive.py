@@ -214,7 +214,7 @@ class Archive:
                 sink.close()
             reason = f"{heading.path}: {getattr(error, 'strerror', None) or reason}"
             if kept:
-                reason += f"; what was written can be completed with 'hapticnet recover {writer.files[0].file}'"
+                reason += f"; what was written can be completed with 'hapticnet export {writer.files[0].file}'"
         if self.stopped:
             self._tell(reason)
         else:

@@ -20,7 +20,7 @@ NEEDS_PYARROW: Final = "Parquet files need pyarrow (extra parquet): pip install 
 
 
 def export(session: Session, path: Path) -> None:
-    """Write a recording in its suffix's format; FileError if impossible, UnavailableError if it needs an extra."""
+    """Write a recording as its suffix says; FileError if that cannot be, UnavailableError without an extra."""
     why = {} if session.is_whole else {INCOMPLETE: "the source file was cut off or damaged"}
     about: dict[str, Any] = {**session.about, **why}
     known = {**about, "side": session.side, "unix_offset_us": session.unix_offset_us}

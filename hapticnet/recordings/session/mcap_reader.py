@@ -28,7 +28,6 @@ LARGEST_CHUNK: Final = 2**28  # larger unpacked chunks are taken for damage: wri
 MOST_MESSAGES: Final = 10_000  # most messages passed on together: as objects, each takes many times its size
 LARGEST_DESCRIPTION: Final = 2**20  # larger descriptions of a topic are taken for damage: schemas and channels
 LARGEST_DESCRIPTIONS: Final = 64 * 2**20  # limit of all channels together [B]
-RECOVERED: Final = "hapticnet.recovered"  # metadata of a file that an earlier `hapticnet recover` wrote
 Record: TypeAlias = Any  # a record of the package mcap: Channel, Metadata, Footer; or `Messages` or `Damage`
 
 
@@ -202,7 +201,7 @@ def read_mcap(path: Path, max_bytes: int) -> Session:
                     tables[record.id] = _Rows.of(path, record)
                 elif record.topic.endswith("/event"):
                     event_channels.add(record.id)
-            elif kind == "Metadata" and record.name in (ABOUT, REPORT, RECOVERED):
+            elif kind == "Metadata" and record.name in (ABOUT, REPORT):
                 about |= {name: _value(text) for name, text in record.metadata.items()}
     if not tables:
         has = f"its topics are {', '.join(list(topics.values())[:20])}" if topics else "it has no topics"

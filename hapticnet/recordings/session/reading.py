@@ -21,7 +21,7 @@ from hapticnet.recordings.session.session import (
     check_events,
     parse_json,
 )
-from hapticnet.recordings.session.sink import UNFINISHED, beside
+from hapticnet.recordings.session.sink import UNFINISHED, beside, named
 from hapticnet.recordings.text import TextSource
 
 LATEST_US: Final = 100_000_000_000_000_000  # largest plausible time [µs], on any clock: 3,000 years
@@ -41,7 +41,7 @@ def read_session(path: Path, *, max_bytes: int = MAX_BYTES) -> Session:
     """
     unfinished = path.parent / (path.name + UNFINISHED)
     if not path.exists() and unfinished.exists():
-        raise FileError(f"{path} is not complete: run 'hapticnet recover {unfinished}'")
+        raise FileError(f"{path} is not complete: run 'hapticnet export {unfinished}'")
     check_readable(path, max_bytes)
     with file_errors(path):
         return _checked(path, _reader(path)(path, max_bytes))
@@ -127,7 +127,7 @@ def _read_csv(path: Path, max_bytes: int) -> Session:
 
 def _csv_table(path: Path, max_bytes: int) -> SessionTable:
     check_readable(path, max_bytes)
-    source = TextSource(path)
+    source = TextSource(path, torn=named(path) != path)
     values = source.numbers(range(len(source.names)))
     return {name: as_type(values[:, index], INTEGERS.get(name, "f8")) for index, name in enumerate(source.names)}
 
@@ -136,7 +136,10 @@ def csv_events(path: Path) -> tuple[Event, ...]:
     """Return the events of a CSV recording, none if there is no such file; raise FileError if they are damaged."""
     if not path.exists():
         return ()
-    rows = list(csv.reader(read_text(path, LARGEST_JSON).splitlines()))[1:]
+    lines = read_text(path, LARGEST_JSON).splitlines(keepends=True)
+    if lines and named(path) != path and not lines[-1].endswith("\n"):  # its writer was killed
+        lines.pop()
+    rows = list(csv.reader(lines))[1:]
     check_events(path, len(rows))
     try:
         return tuple(Event(int(t_us), name, text) for t_us, name, text in rows)

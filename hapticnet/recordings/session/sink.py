@@ -1,14 +1,19 @@
 """A growing file, renamed when it is complete."""
 
 import fcntl
+import glob
 import os
+import re
+import sys
 from contextlib import suppress
 from pathlib import Path
 from typing import Final
 
 from hapticnet.errors import FileError
+from hapticnet.files import open_regular
 
 UNFINISHED: Final = ".unfinished"  # suffix of a file that is being written, or was when its writer was killed
+_MARK: Final = re.compile(re.escape(UNFINISHED) + r"(-\d+)?\Z")
 
 
 class Sink:
@@ -24,7 +29,7 @@ class Sink:
         self._waiting = bytearray()
         self._descriptor = os.open(self.file, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, 0o666)
         with suppress(OSError):  # a file system without locks
-            fcntl.flock(self._descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)  # for `recovery`: still being written
+            fcntl.flock(self._descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)  # for `refuse_if_recorded`
 
     def write(self, data: bytes) -> int:
         """Append bytes; they reach the file with the next `flush`."""
@@ -80,13 +85,23 @@ def free_suffix(*paths: Path) -> str:
 
 
 def named(path: Path) -> Path:
-    """Return the final name of an unfinished file."""
-    name, mark, number = path.name.rpartition(UNFINISHED)
-    if not mark or (number and not number.removeprefix("-").isdecimal()):
-        raise FileError(f"{path}: not an unfinished recording; its name does not end in {UNFINISHED}")
-    return path.with_name(name)
+    """Return the name that an unfinished file gets when it is complete; its own if it is."""
+    return path.with_name(_MARK.sub("", path.name))
 
 
 def beside(path: Path, what: str) -> Path:
-    """Return the name of a file that belongs to FILE.csv or FILE.parquet."""
-    return path.with_name(f"{path.stem}.{what}")
+    """Return the name of a file that belongs to FILE.csv or FILE.parquet, unfinished as that is."""
+    whole = named(path)
+    return path.with_name(f"{whole.stem}.{what}{path.name.removeprefix(whole.name)}")
+
+
+def refuse_if_recorded(path: Path) -> None:
+    """Raise FileError if a session still writes the recording that is to get this name."""
+    for unfinished in sorted(path.parent.glob(f"{glob.escape(path.name)}{UNFINISHED}*")):
+        if not unfinished.is_file() or unfinished.is_symlink():  # a writer has no others
+            continue
+        with open_regular(unfinished, sys.maxsize, follow=False) as file:
+            try:
+                fcntl.flock(file, fcntl.LOCK_SH | fcntl.LOCK_NB)
+            except BlockingIOError as error:
+                raise FileError(f"{unfinished} is still being written") from error
