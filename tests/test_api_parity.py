@@ -53,7 +53,7 @@ CASES = {
         (hn.compare, hn.load_recording),
         {**LAW, **OF_A_FILE, "traces": "force", "delay": "delay_ms"},
         {
-            "scene", "start", "grid", "json", "csv", "latex", "plot_dir", "plot_format", "signal", "window",
+            "scene", "start", "json", "csv", "plot_dir", "plot_format", "signal", "window",
             "overwrite", "config",
         },
         {"path", "t_s", "t_us"},

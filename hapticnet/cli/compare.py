@@ -15,8 +15,6 @@ if TYPE_CHECKING:
     from hapticnet.experiment.trials import Trial
     from hapticnet.recordings.loading import Motion, Recording
 
-MULTIPLIERS = "1,2,4"
-
 
 def compare(
     traces: Annotated[
@@ -42,7 +40,7 @@ def compare(
     codecs: Annotated[
         str | None, typer.Option(metavar="CODEC[;CODEC…]", help="Codecs as for encode --codec; default: all.")
     ] = None,
-    multipliers: Annotated[str, typer.Option(metavar="M[,M…]", help="Deadband thresholds in JNDs.")] = MULTIPLIERS,
+    multipliers: Annotated[str, typer.Option(metavar="M[,M…]", help="Deadband thresholds in JNDs.")] = "1,2,4",
     weber: options.Weber = PAPER_WEBER_FRACTION,
     floor: options.Floor = PAPER_FLOOR_N,
     loss: Annotated[
@@ -51,18 +49,10 @@ def compare(
     delay: Annotated[
         str, typer.Option(metavar="TIME", help="Delay each way at which the felt force is judged, such as 25ms.")
     ] = "25ms",
-    grid: Annotated[
-        list[str] | None,
-        typer.Option(
-            metavar="KEY=FROM:TO:COUNT|A,B,…",
-            help="Try these values of multiplier, weber_fraction, floor_n, loss or a codec's parameter; repeatable.",
-        ),
-    ] = None,
     seed: options.Seed = 1,
     jobs: options.Jobs = None,
     json: options.Json = False,
     csv: Annotated[Path | None, typer.Option(metavar="FILE", help="Write every figure to FILE as CSV.")] = None,
-    latex: Annotated[Path | None, typer.Option(metavar="FILE", help="Write booktabs tables to FILE.")] = None,
     plot_dir: Annotated[Path | None, typer.Option(metavar="DIR", help="Draw figures into DIR.")] = None,
     plot_format: Annotated[options.PlotFormat, typer.Option(help="Format of the figures.")] = "png",
     signal: Annotated[
@@ -78,12 +68,12 @@ def compare(
     import json as json_module
     import os
 
-    from hapticnet.channel.settings import parse_time_us
+    from hapticnet.channel.settings import parse_share, parse_time_us
     from hapticnet.cli.console import Console, check_needed, check_new, check_outputs, write_text
     from hapticnet.codec.registry import all_codecs, register_installed_codecs
     from hapticnet.errors import SettingsError
     from hapticnet.experiment.comparison import compare as compare_codecs
-    from hapticnet.experiment.comparison_table import csv_of, latex_of, print_rows
+    from hapticnet.experiment.comparison_table import csv_of, print_rows
     from hapticnet.experiment.grid import grid_codecs
     from hapticnet.experiment.provenance import provenance, provenance_lines
     from hapticnet.experiment.trials import paper_trial
@@ -98,13 +88,13 @@ def compare(
     if start is not None and (scene is None or not traces):
         raise SettingsError("--start moves the positions of a TRACE in a --scene; name both")
     check_needed("--plot-dir", plot_dir, {"--signal": signal, "--window": window})
-    values = _grid(grid or [], multipliers, weber, floor, loss)
-    losses = values.pop("loss")
+    lost = parse_share(loss)
+    law = {"multiplier": _numbers(multipliers), "weber_fraction": [weber], "floor_n": [floor]}
     delay_us = parse_time_us(delay)
     if codecs is None:
         for problem in register_installed_codecs():
             Console("compare").say(problem)
-    chosen = grid_codecs(list(all_codecs()) if codecs is None else codecs.split(";"), values)
+    chosen = grid_codecs(list(all_codecs()) if codecs is None else codecs.split(";"), law)
     files = dict.fromkeys(traces or ())
     say = Console("compare").say
     reading = {
@@ -119,8 +109,8 @@ def compare(
     else:
         trials = _recorded_trials(list(files), say, columns=force_column, **reading, max_bytes=max_size)
         trials = trials or [paper_trial(seed, insertions=2)]
-    check_outputs(csv, latex, inputs=files)
-    check_new(csv, latex, overwrite=overwrite)
+    check_outputs(csv, inputs=files)
+    check_new(csv, overwrite=overwrite)
     figures = None
     if plot_dir is not None:
         from hapticnet.experiment.comparison_figures import Figures
@@ -129,7 +119,7 @@ def compare(
         check_outputs(*figures.files)
         check_new(*figures.files, overwrite=overwrite)
     console = Console("compare", quiet=json)
-    runs = len(trials) * len(losses) * len(chosen)
+    runs = len(trials) * len(chosen)
     done = 0
 
     def on_row(row: "Row") -> None:
@@ -139,17 +129,16 @@ def compare(
 
     console.status(f"0 of {runs}")
     processes = min(jobs or len(os.sched_getaffinity(0)), runs)
-    rows = compare_codecs(trials, chosen, loss=losses, delay_us=delay_us, seed=seed, jobs=processes, on_row=on_row)
+    rows = compare_codecs(trials, chosen, loss=lost, delay_us=delay_us, seed=seed, jobs=processes, on_row=on_row)
     console.finish()
     if figures is not None:
         for picture in figures.draw(rows):
             console.say(f"picture: {picture}")
-    for file, table in ((csv, csv_of), (latex, latex_of)):
-        if file is not None:
-            write_text(file, table(rows, provenance_lines()))
-            console.say(f"table: {file}")
+    if csv is not None:
+        write_text(csv, csv_of(rows, provenance_lines()))
+        console.say(f"table: {csv}")
     if json:
-        settings = {"seed": seed, **values, "loss": losses, "delay_us": delay_us}
+        settings = {"seed": seed, **law, "loss": lost, "delay_us": delay_us}
         print(json_module.dumps({"provenance": provenance(), "settings": settings, **_account(trials, rows)}, indent=2))
     else:
         print_rows(rows, trials)
@@ -167,27 +156,13 @@ def _account(trials: "list[Trial]", rows: "list[Row]") -> dict[str, Any]:
     }
 
 
-def _grid(texts: list[str], multipliers: str, weber: float, floor: float, loss: str) -> dict[str, list[float]]:
-    """Return the values of the law, the loss and the codecs' parameters; a grid replaces an option."""
-    from hapticnet.channel.settings import parse_share
+def _numbers(multipliers: str) -> list[float]:
     from hapticnet.errors import SettingsError
-    from hapticnet.experiment.grid import parse_grid
 
-    grid = parse_grid(texts)
-    for key, option, given in (
-        ("multiplier", "--multipliers", multipliers != MULTIPLIERS),
-        ("weber_fraction", "--weber", weber != PAPER_WEBER_FRACTION),
-        ("floor_n", "--floor", floor != PAPER_FLOOR_N),
-        ("loss", "--loss", loss != "0"),
-    ):
-        if key in grid and given:
-            raise SettingsError(f"--grid {key} and {option} set the same; give one of them")
     try:
-        values = list(dict.fromkeys(float(part) for part in multipliers.split(",")))
+        return list(dict.fromkeys(float(part) for part in multipliers.split(",")))
     except ValueError:
         raise SettingsError(f"--multipliers {multipliers!r} must be numbers of JNDs, such as 1,2,4") from None
-    usual = {"multiplier": values, "weber_fraction": [weber], "floor_n": [floor], "loss": [parse_share(loss)]}
-    return usual | grid
 
 
 def _recorded_trials(files: Sequence[Path], say: Callable[[str], None], **reading: Any) -> "list[Trial]":

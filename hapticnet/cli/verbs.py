@@ -216,7 +216,7 @@ GROUPS: Final[dict[str, tuple[str, ...]]] = {
     "Safety": ("passive", "max-age", "max-force", "first-touch"),
     "Scene and contact": ("scene", "announce", "announced", "predicted"),
     "Codec and perception": (
-        "codec", "codecs", "add-codec", "multiplier", "multipliers", "weber", "floor", "law", "grid",
+        "codec", "codecs", "add-codec", "multiplier", "multipliers", "weber", "floor", "law",
     ),
     "Emulated network": ("channel-out", "channel-in", "delay", "loss"),
     "Reading of files": (
@@ -230,7 +230,7 @@ GROUPS: Final[dict[str, tuple[str, ...]]] = {
     "Recording": ("record", "record-dir", "record-format", "record-limit"),
     "Page and monitoring": ("page", "metrics"),
     "Tables and plots": (
-        "by", "of", "quantiles", "where", "csv", "latex", "plot", "plot-dir", "plot-format", "plots", "x", "y", "line",
+        "by", "of", "quantiles", "where", "csv", "plot", "plot-dir", "plot-format", "plots", "x", "y", "line",
         "panel", "signal", "window",
     ),
     "Output": (

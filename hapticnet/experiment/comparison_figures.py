@@ -17,13 +17,7 @@ from hapticnet.experiment.trials import Trial
 HEIGHT_IN: Final = 4.0
 SHOWN_S: Final = 4.0  # seconds of a recording in the figure of the signal: by default those with the most sent samples
 ERROR: Final = "rmse_n"
-SWEPT: Final = {  # settings that can vary along a line, and their labels on an axis
-    "multiplier": "threshold [JND]",
-    "weber_fraction": "Weber fraction",
-    "floor_n": "smallest JND [N]",
-    "loss": "share of updates lost",
-}
-
+THRESHOLD: Final = "threshold [JND]"
 MOST_TICKS: Final = 8
 OPTIMA: Final = {HOLD_OPTIMUM: (0, (4, 2)), LINE_OPTIMUM: (0, (1, 1.5))}
 OPTIMUM_MARKERS: Final = {HOLD_OPTIMUM: "+", LINE_OPTIMUM: "x"}  # visible at a single threshold
@@ -92,10 +86,9 @@ def codec_signal(codec: Codec, trial: Trial, *, loss: float = 0.0, seed: int = 0
 
 
 def _draw_rates(shown: Sequence[Block], file: Path, key: str, label: str, factor: float) -> None:
-    swept = _swept(shown)
     with picture(file, HEIGHT_IN) as figure:
         axes = figure.subplots()
-        draw_codecs(axes, _lines(shown, swept, (ERROR, 1.0), (key, factor)))
+        draw_codecs(axes, _lines(shown, (ERROR, 1.0), (key, factor)))
         for name, dash in OPTIMA.items():
             # An optimum's error is only bounded by its threshold, so it is drawn at the deadband's.
             line = [
@@ -112,14 +105,14 @@ def _draw_rates(shown: Sequence[Block], file: Path, key: str, label: str, factor
         finish_axes(axes, across="log")
         axes.set_xlabel("RMSE of the applied force [N]")
         axes.set_ylabel(label)
-        _finish(figure, axes, shown, swept, _without_raw(shown, key, factor, label))
+        _finish(figure, axes, shown, _without_raw(shown, key, factor, label))
 
 
 def _draw_optimum(shown: Sequence[Block], file: Path) -> None:
-    swept, key = _swept(shown), "over_optimum"
-    lines = _lines(shown, swept, (swept, 1.0), (key, 1.0))
+    key = "over_optimum"
+    lines = _lines(shown, ("multiplier", 1.0), (key, 1.0))
     optimum = sorted(
-        (getattr(block.settings, swept), line.values[key])
+        (block.settings.multiplier, line.values[key])
         for block in shown
         for line in block.lines
         if line.label == LINE_OPTIMUM
@@ -143,33 +136,26 @@ def _draw_optimum(shown: Sequence[Block], file: Path) -> None:
             draw_codecs(axes, lines)
             axes.axhline(1.0, **looks[0])
             axes.plot(*zip(*optimum, strict=True), **looks[1])
-            finish_axes(axes, across="log" if swept == "multiplier" else "linear")
+            finish_axes(axes, across="log")
             values = [value for value, _ in optimum]
             if len(values) <= MOST_TICKS:
                 axes.set_xticks(values, [f"{value:g}" for value in values])
-            axes.set_xlabel(SWEPT[swept])
+            axes.set_xlabel(THRESHOLD)
             axes.set_ylabel(told)
-        _finish(figure, axes, shown, swept, _without_raw(shown, key, 1.0, "times the fewest of any hold"))
-
-
-def _swept(shown: Sequence[Block]) -> str:
-    """Return the setting along which lines run: the one with the most values, the threshold if in doubt."""
-    return max(SWEPT, key=lambda key: len({getattr(block.settings, key) for block in shown}))
+        _finish(figure, axes, shown, _without_raw(shown, key, 1.0, "times the fewest of any hold"))
 
 
 def _lines(
-    shown: Sequence[Block], swept: str, across: tuple[str, float], up: tuple[str, float]
+    shown: Sequence[Block], across: tuple[str, float], up: tuple[str, float]
 ) -> dict[str, list[tuple[float, ...]]]:
-    """Return points (x, y, half width of x, half width of y) for each codec and each value of the other settings."""
-    others = [key for key in SWEPT if key != swept and len({getattr(block.settings, key) for block in shown}) > 1]
+    """Return points (x, y, half width of x, half width of y) of each codec, one for each threshold."""
     lines: dict[str, list[tuple[float, ...]]] = {}
-    for block in sorted(shown, key=lambda block: getattr(block.settings, swept)):
+    for block in sorted(shown, key=lambda block: block.settings.multiplier):
         for line in block.lines:
             if line.codec not in (None, "raw") and all(line.values[key] is not None for key, _ in (across, up)):
-                fixed = "".join(f", {key}={getattr(block.settings, key):g}" for key in others)
                 point = [factor * line.values[key] for key, factor in (across, up)]
                 half_widths = [factor * line.half_widths.get(key, 0.0) for key, factor in (across, up)]
-                lines.setdefault(line.label + fixed, []).append((*point, *half_widths))
+                lines.setdefault(line.label, []).append((*point, *half_widths))
     return lines
 
 
@@ -184,13 +170,13 @@ def _without_raw(shown: Sequence[Block], key: str, factor: float, unit: str) -> 
     return f"\nnot drawn: raw, {' to '.join(ends)} {unit}"
 
 
-def _finish(figure: Any, axes: Any, shown: Sequence[Block], swept: str, left_out: str) -> None:
+def _finish(figure: Any, axes: Any, shown: Sequence[Block], left_out: str) -> None:
     legend(figure, axes, below=False, handlelength=3.6, labelspacing=0.7)
-    values = sorted({getattr(block.settings, swept) for block in shown})
+    values = sorted({block.settings.multiplier for block in shown})
     ends = f"{values[0]:g} to {values[-1]:g}"
     some = ", ".join(f"{value:g}" for value in values) if len(values) <= MOST_TICKS else ends
     recordings = shown[0].trial or METHOD.format(count=shown[0].recordings)
-    figure.suptitle(f"{recordings}; {SWEPT[swept]}: {some}{left_out}", fontsize=8)
+    figure.suptitle(f"{recordings}; {THRESHOLD}: {some}{left_out}", fontsize=8)
 
 
 def _chosen(codecs: Sequence[Codec], label: str | None) -> Codec:

@@ -1,4 +1,4 @@
-"""The tables of a comparison: for a person on a terminal, for papers (LaTeX) and for programs (CSV)."""
+"""The tables of a comparison: for a person on a terminal, and for programs (CSV)."""
 
 import re
 import textwrap
@@ -6,20 +6,11 @@ from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from typing import Final
 
-from hapticnet.channel.settings import format_share, time_in_words
+from hapticnet.channel.settings import time_in_words
 from hapticnet.errors import visible
 from hapticnet.experiment.comparison import REPAIR_US, Row
 from hapticnet.experiment.summary import METHOD, Block, Line, blocks, means
-from hapticnet.experiment.table import (
-    LATEX_PACKAGES,
-    UNKNOWN,
-    WIDEST,
-    csv_text,
-    latex_table,
-    latex_text,
-    line_width,
-    print_table,
-)
+from hapticnet.experiment.table import UNKNOWN, WIDEST, csv_text, line_width, print_table
 from hapticnet.experiment.trials import Trial
 
 LONGEST_LABEL: Final = 22  # characters of a codec on one line of a terminal: enough for every codec's name
@@ -35,7 +26,6 @@ class Column:
     form: str  # format specification of the number
     meaning: str  # explanation for the note under the table
     factor: float = 1.0
-    in_papers: bool = True  # whether the LaTeX table has the column; all of them do not fit on a page
 
     def cell(self, line: Line) -> str:
         """Return the figure of a line, with its interval if it is a mean."""
@@ -78,37 +68,27 @@ COLUMNS: Final = (
         "share of all samples, rest and free motion included, that are not transmitted",
     ),
     Column("wire_bytes_per_s", "kB\nper s", ".2f", "updates with protocol, UDP and IPv4 headers", 1e-3),
-    Column("session_wire_bytes_per_s", "kB/s +\nkeepalives", ".2f", KEEPALIVES_MEANING, 1e-3, in_papers=False),
+    Column("session_wire_bytes_per_s", "kB/s +\nkeepalives", ".2f", KEEPALIVES_MEANING, 1e-3),
     Column("over_optimum", "×\noptimum", ".2f", OPTIMUM_MEANING),
-    Column("worst_100ms_packets", "worst\n0.1 s", ".0f", "most packets in any 100 ms", in_papers=False),
+    Column("worst_100ms_packets", "worst\n0.1 s", ".0f", "most packets in any 100 ms"),
     Column("rmse_n", "RMSE\nN", ".4f", "root mean square error of the applied force"),
-    Column("max_error_n", "max\nN", ".3f", "largest error", in_papers=False),
+    Column("max_error_n", "max\nN", ".3f", "largest error"),
     Column("exceed_jnd_fraction", "exceed\nJND", ".1%", EXCEED_MEANING),
     Column("felt_exceed_jnd_fraction", "felt\n> JND", ".1%", FELT_MEANING),
     Column("felt_above_8_jnd_fraction", "felt\n> 8 JND", ".1%", LARGE_MEANING),
     Column("felt_rmse_n", "felt\nRMSE N", ".3f", FELT_RMSE_MEANING),
     Column("predicted_exceed_jnd_fraction", "predicted\n> JND", ".1%", PREDICTED_MEANING),
     Column("felt_created_share", "energy\ncreated", ".1%", CREATED_MEANING),
-    Column("jump_max_jnd", "jump\nJND", ".1f", "largest step between successive applied samples", in_papers=False),
-    Column("age_mean_us", "age\nms", ".1f", "mean age of the applied update", 1e-3, in_papers=False),
-    Column("nanoseconds_per_sample", "µs per\nsample", ".2f", SPEED_MEANING, 1e-3, in_papers=False),
+    Column("jump_max_jnd", "jump\nJND", ".1f", "largest step between successive applied samples"),
+    Column("age_mean_us", "age\nms", ".1f", "mean age of the applied update", 1e-3),
+    Column("nanoseconds_per_sample", "µs per\nsample", ".2f", SPEED_MEANING, 1e-3),
 )
 
 
-def heading(block: Block, shown: Sequence[Block]) -> str:
-    """Return the description of a block: the recordings, the threshold, and settings that differ between blocks."""
+def heading(block: Block) -> str:
+    """Return what a block shows: the recordings and the threshold."""
     name = METHOD.format(count=block.recordings) if block.trial is None else block.trial
-    settings = block.settings
-    parts = [f"threshold {settings.multiplier:g} JND"]
-    for key, text in (
-        ("weber_fraction", f"Weber fraction {settings.weber_fraction:g}"),
-        ("floor_n", f"floor {settings.floor_n:g} N"),
-        ("loss", f"{format_share(settings.loss)} loss"),
-        ("delay_us", f"{time_in_words(settings.delay_us)} each way"),
-    ):
-        if len({getattr(each.settings, key) for each in shown}) > 1:
-            parts.append(text)
-    return f"{name}; {', '.join(parts)}"
+    return f"{name}; threshold {block.settings.multiplier:g} JND"
 
 
 def notes(shown: Sequence[Block]) -> list[str]:
@@ -116,8 +96,7 @@ def notes(shown: Sequence[Block]) -> list[str]:
     told = [f"{column.heading.replace(chr(10), ' ')}: {column.meaning}." for column in COLUMNS]
     if any(line.label.endswith("(at rest)") for block in shown for line in block.lines):
         told.append("(at rest): depends on motion, but no positions were given (--position-column).")
-    delays = dict.fromkeys(time_in_words(block.settings.delay_us) for block in shown)
-    told.append(f"The delay for the felt force is {' or '.join(delays)} each way.")
+    told.append(f"The delay for the felt force is {time_in_words(shown[0].settings.delay_us)} each way.")
     if any(block.settings.loss for block in shown):
         told.append(f"Updates lost at random are replaced {REPAIR_US / 1000:g} ms later, if not lost again.")
     return told
@@ -137,34 +116,13 @@ def print_rows(rows: Sequence[Row], trials: Sequence[Trial], width: int | None =
         )
     for block in shown:
         print()
-        _print_filled(heading(block, shown), width)
+        _print_filled(heading(block), width)
         names = [line.label if width == WIDEST else _folded(line.label) for line in block.lines]
         cells = [
             [name, *(column.cell(line) for column in COLUMNS)] for name, line in zip(names, block.lines, strict=True)
         ]
         print_table(["codec", *(column.heading for column in COLUMNS)], cells, width=width)
     print(textwrap.fill(" ".join(notes(shown)), min(width, NOTE_WIDTH)))
-
-
-def latex_of(rows: Sequence[Row], origin: Sequence[str] = ()) -> str:
-    """Return booktabs tables: of the means, or of the only recording; `origin` are lines of comment at the top."""
-    single = blocks(rows)
-    shown = means(single) or single
-    columns = [column for column in COLUMNS if column.in_papers]
-    head = ["codec", *(column.heading.replace("\n", " ") for column in columns)]
-    lines = [*(f"% {line}" for line in origin), LATEX_PACKAGES, ""]
-    for block in shown:
-        cells = [[line.label, *(column.cell(line) for column in columns)] for line in block.lines]
-        codecs = sum(line.codec is not None for line in block.lines)
-        lines += [
-            "\\begin{table}",
-            "\\centering\\footnotesize\\setlength{\\tabcolsep}{4pt}",
-            f"\\caption{{{latex_text(heading(block, shown))}}}",
-            *latex_table(head, cells, space_before=codecs),
-            "\\end{table}",
-            "",
-        ]
-    return "\n".join([*lines, *(f"% {note}" for note in notes(shown))]) + "\n"
 
 
 def csv_of(rows: Sequence[Row], origin: Sequence[str] = ()) -> str:

@@ -1,4 +1,4 @@
-"""The one table of results, and how it is written: on a terminal, as CSV, and in LaTeX."""
+"""The one table of results, and how it is written: on a terminal, and as CSV."""
 
 import csv
 import io
@@ -11,23 +11,7 @@ from typing import Any, Final
 from hapticnet.errors import visible
 
 UNKNOWN: Final = "–"
-WIDEST: Final = 1000  # characters of a line outside of a terminal: more than any table needs
-LATEX_PACKAGES: Final = "% Needs \\usepackage{adjustbox} and \\usepackage{booktabs}."
-
-_IN_LATEX: Final = str.maketrans(
-    {
-        **{character: f"\\{character}" for character in "%&_#${}"},
-        **{character: f"${character}$" for character in "<>|"},
-        "\\": "\\textbackslash{}",
-        "^": "\\textasciicircum{}",
-        "~": "\\textasciitilde{}",
-        "±": "$\\pm$",
-        "×": "$\\times$",
-        "−": "$-$",
-        "–": "--",
-        "µ": "$\\mu$",
-    }
-)
+WIDEST: Final = 1000  # characters of a line that is not read on a terminal: more than any table needs
 
 
 def line_width() -> int:
@@ -72,29 +56,6 @@ def csv_text(head: Sequence[str], rows: Iterable[Sequence[Any]], comments: Itera
     writer.writerow(head)
     writer.writerows(rows)
     return text.getvalue()
-
-
-def latex_table(head: Sequence[str], rows: Sequence[Sequence[str]], *, space_before: int | None = None) -> list[str]:
-    """Return a table with booktabs no wider than the page; a new group begins at row `space_before`."""
-    lines = [f"{' & '.join(map(latex_text, cells))} \\\\" for cells in rows]
-    if space_before is not None:
-        lines.insert(space_before, "\\addlinespace")
-    return [
-        "\\begin{adjustbox}{max width=\\linewidth}",
-        f"\\begin{{tabular}}{{l{'r' * (len(head) - 1)}}}",
-        "\\toprule",
-        f"{' & '.join(map(latex_text, head))} \\\\",
-        "\\midrule",
-        *lines,
-        "\\bottomrule",
-        "\\end{tabular}",
-        "\\end{adjustbox}",
-    ]
-
-
-def latex_text(text: str) -> str:
-    """Return a text as LaTeX shows it; in its default font encoding a bare ">" comes out as "¿"."""
-    return text.translate(_IN_LATEX)
 
 
 def _shown(cell: str) -> str:

@@ -1,11 +1,11 @@
-"""The report of a study in Markdown, and its tables as CSV and LaTeX."""
+"""The report of a study in Markdown, and its figures as CSV."""
 
 import math
 from collections.abc import Iterable, Sequence
 from statistics import fmean
 from typing import Final, TypeAlias
 
-from hapticnet.experiment.table import LATEX_PACKAGES, UNKNOWN, latex_table, latex_text
+from hapticnet.experiment.table import UNKNOWN
 from hapticnet.experiment.table import csv_text as csv_of
 from hapticnet.study.analysis import MEASURES, Comparison, ConditionResult, Figure, Measure, Results
 from hapticnet.study.statistics import ALPHA, standard_error
@@ -101,14 +101,6 @@ def csv_text(results: Results, origin: Sequence[str] = ()) -> str:
                 rows.append([condition.name, condition.codec, condition.multiplier, key, person, text])
     head = ["condition", "codec", "multiplier", "measure", "participant", "value"]
     return csv_of(head, rows, (*_warning(results), *origin))
-
-
-def latex(results: Results, origin: Sequence[str] = ()) -> str:
-    """Return the table of the conditions for a paper, with booktabs, no wider than the page."""
-    head, *lines = condition_table(results)
-    caption = [f"% caption: {latex_text(line)}" for line in _warning(results)]
-    comments = [f"% {line}" for line in (*_warning(results), *origin)]
-    return "\n".join([*comments, LATEX_PACKAGES, *latex_table(head, lines), *caption]) + "\n"
 
 
 def _warning(results: Results) -> list[str]:

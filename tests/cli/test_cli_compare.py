@@ -10,7 +10,7 @@ import pytest
 from hapticnet.cli.console import Console
 from hapticnet.codec.registry import every_codec, make_codec
 from hapticnet.experiment.comparison import compare
-from hapticnet.experiment.comparison_table import COLUMNS, latex_of, print_rows
+from hapticnet.experiment.comparison_table import print_rows
 from hapticnet.experiment.trials import Trial
 from hapticnet.perception import WeberLaw
 from hapticnet.recordings.text import read_csv
@@ -101,18 +101,6 @@ def test_the_papers_scene_is_compared_by_default():
     assert 1.0 < row["over_optimum"] < 2.5
 
 
-def test_a_grid_tries_every_combination_and_parameters_where_they_exist(traces):
-    done = hapticnet(
-        "compare", traces[0], "--force-column", "fx", "--codecs", "raw;deadband;least-squares", "--json", "--jobs", "2",
-        "--grid", "multiplier=0.5:2:4", "--grid", "loss=0,0.1", "--grid", "updates=2,4",
-    )  # fmt: skip
-    rows = json.loads(done.stdout)["rows"]
-    deadband = [(row["loss"], row["multiplier"]) for row in rows if row["codec"] == "deadband"]
-    assert deadband == [(loss, multiplier) for loss in (0.0, 0.1) for multiplier in (0.5, 1.0, 1.5, 2.0)]
-    assert len([row for row in rows if row["codec"] == "least-squares"]) == 16
-    assert len([row for row in rows if row["codec"] == "raw"]) == 2
-
-
 def test_a_long_run_tells_how_far_it_is_where_there_is_no_terminal(monkeypatch, capfd):
     now_s = [0.0]
     monkeypatch.setattr("hapticnet.cli.console.time.monotonic", lambda: now_s[0])
@@ -187,24 +175,3 @@ def test_tables_fit_the_terminal_and_lose_no_number(capsys, width, recordings):
     assert "…" not in narrow
     numbers = re.compile(r"(?<![\w:=])\d+\.\d+%?(?![\w,])")
     assert sorted(numbers.findall(wide)) == sorted(numbers.findall(narrow))
-
-
-def test_latex_and_terminal_have_the_same_columns_and_the_mean_of_several_recordings(capsys):
-    rows, trials = rows_and_trials(3)
-    print_rows(rows, trials, 1000)
-    printed = capsys.readouterr().out
-    text = latex_of(rows, ["version: 1"])
-    assert text.startswith("% version: 1\n")
-    assert text.count("\\begin{table}") == 1
-    body = [line for line in text.splitlines() if line.endswith("\\\\")]
-    columns = [column for column in COLUMNS if column.in_papers]
-    assert {line.count("&") for line in body} == {len(columns)}
-    assert "over 3 recordings" in text
-    assert "felt $>$ JND" in text
-    assert text.count("\\begin{adjustbox}{max width=\\linewidth}") == text.count("\\end{adjustbox}") == 1
-    deadband = next(line for line in body if "deadband" in line)
-    shown = deadband.split("&")[1].replace("$\\pm$", "±").strip()
-    assert shown in printed
-    assert not re.search(
-        r"(?<!\\)[%_]", text.replace("% ", "").partition("\\begin{table}")[2].partition("\\end{table}")[0]
-    )

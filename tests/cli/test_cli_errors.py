@@ -88,8 +88,6 @@ def test_recordings_that_cannot_be_encoded_are_refused_in_one_line(files, file, 
         (("compare", "{files}/two.csv", "--force-column", "fx"), ("1 samples over no time",)),
         (("compare", "{files}/good.csv", "--force-column", "f", "--max-size", "1"), ("the limit is 1",)),
         (("compare", "--force-column", "f_n"), ("none is named",)),
-        (("compare", "--grid", "gain=1,2"), ("'gain'", "multiplier", "window_ms")),
-        (("compare", "--grid", "multiplier=1,2", "--multipliers", "4"), ("--grid multiplier and --multipliers",)),
         (("compare", "--plot-dir", "{files}/plots", "--signal", "mp3"), ("'mp3'", "deadband")),
         (("compare", "--plot-dir", "{files}/plots", "--window", "3:1"), ("from 3 to 1 s", "forward")),
         (

@@ -10,7 +10,6 @@ import pytest
 
 from hapticnet.cli.console import Console
 from hapticnet.cli.experiment.conducting import conduct_all
-from hapticnet.experiment.table import latex_text
 from hapticnet.study.plan import LimitsPlan
 from hapticnet.study.rows import OrderRow, header, to_line
 from hapticnet.study.weber import participant_file
@@ -18,7 +17,7 @@ from tests.cli.test_cli_errors import assert_only_line
 from tests.study.made import rows
 
 FIGURES = ("bytes-per-penetration", "correct-orders", "curve")
-TABLES = ("report.md", "conditions.csv", "conditions.tex", "results.json")
+TABLES = ("report.md", "conditions.csv", "results.json")
 
 
 def write(folder, made, name="order.tsv"):
@@ -97,19 +96,6 @@ def test_tables_have_every_participant_and_say_that_they_are_simulated(run, stud
     assert [row["participant"] for row in shares] == [
         "mean", "standard error", *(f"{person:02}" for person in range(1, 9))
     ]  # fmt: skip
-    tex = (study / "results" / "conditions.tex").read_text()
-    assert tex.startswith("% SIMULATED")
-    assert tex.count("\\begin{tabular}") == tex.count("\\end{tabular}") == 1
-    body = [line for line in tex.splitlines() if line.endswith("\\\\")]
-    assert {line.count(" & ") for line in body} == {4}
-    assert all("%" not in line.replace("\\%", "") for line in body)
-    assert "\\begin{adjustbox}{max width=\\linewidth}\n\\begin{tabular}" in tex
-    assert "% Needs \\usepackage{adjustbox} and \\usepackage{booktabs}." in tex
-    table = tex.partition("\\toprule")[2].partition("\\bottomrule")[0]
-    assert table.isascii()
-    assert latex_text("a_b 5% {x} felt > JND < 1, ±2 − 3 µm") == (
-        "a\\_b 5\\% \\{x\\} felt $>$ JND $<$ 1, $\\pm$2 $-$ 3 $\\mu$m"
-    )
 
 
 def test_measured_jnds_alone_give_a_report(run, tmp_path):

@@ -6,7 +6,7 @@ import pytest
 from hapticnet.codec.registry import make_codec
 from hapticnet.errors import SettingsError
 from hapticnet.experiment.comparison import codec_label, compare
-from hapticnet.experiment.grid import grid_codecs, parse_grid
+from hapticnet.experiment.grid import grid_codecs
 from hapticnet.experiment.summary import blocks, means, t_quantile
 from hapticnet.experiment.trials import Trial
 from hapticnet.perception import WeberLaw
@@ -36,24 +36,6 @@ def test_a_mean_has_the_t_interval_over_recordings_and_optima_are_averaged_too()
     assert means(single[:1]) == []
 
 
-def test_a_grid_is_a_range_of_equal_steps_or_a_list():
-    grid = parse_grid(["multiplier=0.5:4:8", "floor_n = 0.01,0.02", "x=0.1:1:10", "y=3:9:1"])
-    assert grid["multiplier"] == [0.5, 1.0, 1.5, 2.0, 2.5, 3.0, 3.5, 4.0]
-    assert grid["floor_n"] == [0.01, 0.02]
-    assert grid["x"][2] == 0.3
-    assert grid["y"] == [3.0]
-
-
-@pytest.mark.parametrize(
-    "text", ["multiplier", "=1,2", "m=", "m=1:2", "m=1:2:0", "m=1:2:2.5", "m=a,b", "m=nan", "m=1:2:3:4"]
-)
-def test_what_is_no_grid_is_refused(text):
-    with pytest.raises(SettingsError):
-        parse_grid([text])
-    with pytest.raises(SettingsError, match="twice"):
-        parse_grid(["m=1", "m=2"])
-
-
 def test_a_parameter_applies_to_the_codecs_that_have_it_unless_the_name_fixes_it():
     names = ["raw", "deadband", "least-squares", "least-squares:updates=3"]
     codecs = grid_codecs(names, {"multiplier": [1.0, 2.0], "updates": [4.0, 5.0]})
@@ -62,3 +44,5 @@ def test_a_parameter_applies_to_the_codecs_that_have_it_unless_the_name_fixes_it
     ]
     assert [codec.name for codec in codecs].count("deadband") == 2
     assert [codec.name for codec in codecs].count("raw") == 1
+    with pytest.raises(SettingsError, match="no codec here has a parameter 'gain' for a grid; there are: multiplier,"):
+        grid_codecs(names, {"gain": [1.0]})

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from hapticnet.study.plan import Plan
 
 Number = TypeVar("Number", int, float)
-FILES: Final = ("report.md", "conditions.csv", "conditions.tex", "results.json")
+FILES: Final = ("report.md", "conditions.csv", "results.json")
 
 
 def analyse(
@@ -27,7 +27,7 @@ def analyse(
     overwrite: options.Overwrite = False,
     json: options.Json = False,
 ) -> None:
-    """Analyse the study: report.md, tables as CSV and LaTeX, plots as PDF and PNG.
+    """Analyse the study: report.md, figures as CSV and JSON, plots as PDF and PNG.
 
     The plot correct-orders is the paper's Fig. 5, bytes-per-penetration its Fig. 4. The margin of equivalence is the
     plan's, since it must be stated before the study.
@@ -56,7 +56,7 @@ def write_results(folder: Path, target: Path, *, seed: int, plots: bool, say: Ca
     from hapticnet.study.analysis import analyse as analyse_rows
     from hapticnet.study.figures import draw_results
     from hapticnet.study.plan import PLAN_FILE, find_plan
-    from hapticnet.study.report import csv_text, latex, markdown
+    from hapticnet.study.report import csv_text, markdown
     from hapticnet.study.rows import OrderRow
     from hapticnet.study.store import read_people, read_rows
 
@@ -83,7 +83,6 @@ def write_results(folder: Path, target: Path, *, seed: int, plots: bool, say: Ca
         texts = {
             "report.md": markdown(results, title=title, figures=names, people=people, origin=origin, stated=stated),
             "conditions.csv": csv_text(results, origin),
-            "conditions.tex": latex(results, origin),
         }
         account = {"provenance": provenance(), "margin_stated": stated, "results": asdict(results)}
     texts["results.json"] = _json(account) + "\n"
