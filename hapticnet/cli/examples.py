@@ -87,7 +87,6 @@ EXAMPLES: Final[dict[tuple[str, ...], tuple[str, ...]]] = {
         "hapticnet experiment power paper --participants 8,16,24 --trials 10,20",
         "hapticnet experiment power my.toml --shares 0.775,0.675",
     ),
-    ("experiment", "export"): ('hapticnet experiment export study --bids study-bids --authors "A. Author; B. Author"',),
     ("scene", "show"): ("hapticnet scene show paper:1", "hapticnet scene show my.toml --json"),
     ("scene", "run"): ("hapticnet scene run my.toml --trace motion.csv --out forces.csv",),
     ("device", "find"): ("hapticnet device find",),

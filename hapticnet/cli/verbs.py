@@ -234,8 +234,7 @@ GROUPS: Final[dict[str, tuple[str, ...]]] = {
         "panel", "signal", "window",
     ),
     "Output": (
-        "out", "out-dir", "format", "bids", "title", "authors", "overwrite", "json", "report", "quiet",
-        "log-json",
+        "out", "out-dir", "format", "overwrite", "json", "report", "quiet", "log-json",
     ),
     "Running": ("duration", "seed", "jobs", "real-time", "quick", "config", "help"),
 }  # fmt: skip

@@ -1,4 +1,4 @@
-"""``hapticnet experiment analyse``, ``power`` and ``export`` on made data."""
+"""``hapticnet experiment analyse`` and ``power`` on made data."""
 
 import csv
 import json
@@ -187,9 +187,3 @@ def test_power_of_answers_without_an_effect_says_that_no_number_of_participants_
 )
 def test_a_design_that_cannot_be_is_one_line(run, options, told):
     assert_only_line(run("experiment", "power", *options), told)
-
-
-def test_export_writes_bids(run, study, tmp_path):
-    done = run("experiment", "export", study, "--bids", tmp_path / "bids")
-    assert done.returncode == 0
-    assert (tmp_path / "bids" / "participants.tsv").exists()

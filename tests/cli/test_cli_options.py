@@ -69,4 +69,4 @@ def test_the_documents_name_only_options_that_exist():
 
 def test_a_value_is_a_folder_only_if_the_name_says_so():
     folders = {option_key(each) for _, each in OPTIONS if kind(each) == "DIR"}
-    assert {name for name in folders if not name.endswith("-dir")} == {"bids"}
+    assert {name for name in folders if not name.endswith("-dir")} == set()

@@ -10,7 +10,7 @@ from tests.ready import hapticnet
 
 WRONG = "wrong=§"
 
-ANY_TEXT = {"name", "title", "authors", "peer-key"}
+ANY_TEXT = {"name", "peer-key"}
 """Options whose values may be any text, or are keys of another host."""
 
 NEEDED = {
@@ -27,7 +27,6 @@ NEEDED = {
     ("experiment", "limits"): ("--participant", "03", "--dry-run"),
     ("experiment", "order"): ("--participant", "03", "--dry-run"),
     ("experiment", "analyse"): ("study",),
-    ("experiment", "export"): ("study", "--bids", "out"),
     ("doctor",): ("--quick",),
 }
 """What else each verb needs, so that only the one value is wrong."""

@@ -39,4 +39,3 @@ app.command(short_help="Let a participant order three tissues by stiffness.")(or
 app.command(short_help="Print what participants read, to change or translate it.")(results.texts)
 app.command(short_help="Make tables, figures and a report of the answers.")(results.analyse)
 app.command(short_help="Simulate how often a study finds a difference.")(results.power)
-app.command(short_help="Copy the data as BIDS.")(results.export)

@@ -1,4 +1,4 @@
-"""``hapticnet experiment`` without a participant: analyse and copy data, simulate the power of a study, print texts."""
+"""``hapticnet experiment`` without a participant: analyse data, simulate the power of a study, print texts."""
 
 import json as json_module
 import math
@@ -185,20 +185,6 @@ def _numbers(name: str, text: str, kind: type[Number]) -> list[Number]:
     except ValueError:
         told = "whole numbers, such as 8,16,24" if kind is int else "numbers from 0 to 1, such as 0.775,0.8"
         raise SettingsError(f"{name} {text!r} must be {told}") from None
-
-
-def export(
-    folder: Annotated[Path, typer.Argument(metavar="DIR", help="The folder of the study.")],
-    bids: Annotated[Path, typer.Option(metavar="DIR", help="Write BIDS to this new folder.")],
-    title: Annotated[str | None, typer.Option(help="Title of the data set; default: the folder's.")] = None,
-    authors: Annotated[str, typer.Option(metavar="NAME[;NAME…]", help="Authors of the data set.")] = "",
-) -> None:
-    """Copy the data of a study in a standard form; values and the folder itself stay unchanged."""
-    from hapticnet.cli.console import Console
-    from hapticnet.study.export import export as write
-
-    written = write(folder, bids, name=folder.resolve().name if title is None else title, people=authors)
-    Console("experiment").say(f"{len(written)} files: {bids}")
 
 
 def texts() -> None:
