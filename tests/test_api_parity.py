@@ -3,7 +3,6 @@
 import inspect
 import json
 from collections.abc import Sequence
-from dataclasses import asdict
 
 import numpy as np
 import pytest
@@ -42,19 +41,11 @@ CASES = {
         {"on_error"},
         set(),
     ),
-    "encode": (
-        (hn.encode, hn.load_recording),
-        {**LAW, **OF_A_FILE, "file": "path"},
-        {"csv", "json", "report", "config"},
-        {"force", "t_s", "t_us", "parameters"},
-        set(),
-    ),
     "compare": (
         (hn.compare, hn.load_recording),
         {**LAW, **OF_A_FILE, "traces": "force", "delay": "delay_ms"},
         {
-            "scene", "start", "json", "csv", "plot_dir", "plot_format", "signal", "window",
-            "overwrite", "config",
+            "scene", "start", "json", "csv", "plot_dir", "plot_format", "signal", "window", "overwrite", "config",
         },
         {"path", "t_s", "t_us"},
         {"jobs"},  # further processes would import the program
@@ -170,13 +161,6 @@ def file(tmp_path):
     t_s = np.arange(2000) / 1000
     np.savetxt(tmp_path / "force.csv", np.column_stack([t_s, 2 + np.sin(t_s)]), delimiter=",", header="t_s,force_n")
     return tmp_path / "force.csv"
-
-
-def test_the_report_of_an_encoding_has_the_fields_that_the_command_prints(file):
-    printed = json.loads(hapticnet("encode", file, "--json").stdout)
-    report = asdict(hn.encode(hn.load_recording(file)).report())
-    del printed["provenance"], printed["samples_per_second"]  # of the process and its speed
-    assert printed == pytest.approx(report)
 
 
 def test_a_comparison_has_the_rows_that_the_command_prints(file):

@@ -129,15 +129,15 @@ def test_a_tilde_is_the_home_folder_in_python_and_an_object_from_a_file_is_close
 def test_a_tilde_that_the_shell_leaves_is_the_home_folder_on_the_command_line(home):
     """As in --key=~/key.toml and trace:~/hand.csv, and in files and variables."""
     (home / "force.csv").write_text(FORCE)
-    assert hapticnet("encode", "~/force.csv", "--report=~/report.json").returncode == 0
-    assert (home / "report.json").exists()
+    assert hapticnet("compare", "~/force.csv", "--codecs", "raw", "--csv=~/rows.csv").returncode == 0
+    assert (home / "rows.csv").exists()
     assert hapticnet("key", "new", "~/new/key.toml").returncode == 0
     assert (home / "new" / "key.toml").exists()
     for arguments in (
         ("slave", "--scene", "recording:~/none.csv"),
         ("master", "--operator", "trace:~/none.csv"),
         ("master", "--profile=~/none.csv"),
-        ("encode", "~/force.csv", "--config=~/none.csv"),
+        ("codecs", "--config=~/none.csv"),
     ):
         assert str(home / "none.csv") in hapticnet(*arguments).stderr
 

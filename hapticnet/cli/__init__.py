@@ -12,7 +12,6 @@ from hapticnet.cli import (
     demo,
     device,
     doctor,
-    encode,
     experiment,
     key,
     recordings,
@@ -80,7 +79,6 @@ def master(given: MasterOptions) -> None:
     join(given)
 
 
-app.command(short_help="Run a codec over a recorded force.")(encode.encode)
 app.command(short_help="Compare every codec on recordings with the best possible.")(compare.compare)
 app.command(short_help="Print what a recording holds.")(recordings.info)
 app.command(short_help="Write a recording as CSV, Parquet, NumPy or MCAP.")(recordings.export)

@@ -38,7 +38,7 @@ def compare(
     missing: options.MissingValues = "refuse",
     max_size: options.MaxSize = options.MAX_SIZE,
     codecs: Annotated[
-        str | None, typer.Option(metavar="CODEC[;CODEC…]", help="Codecs as for encode --codec; default: all.")
+        str | None, typer.Option(metavar="CODEC[;CODEC…]", help="Codecs as for master --codec; default: all.")
     ] = None,
     multipliers: Annotated[str, typer.Option(metavar="M[,M…]", help="Deadband thresholds in JNDs.")] = "1,2,4",
     weber: options.Weber = PAPER_WEBER_FRACTION,

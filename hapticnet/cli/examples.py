@@ -50,10 +50,6 @@ EXAMPLES: Final[dict[tuple[str, ...], tuple[str, ...]]] = {
         "hapticnet master --law study/participants/03.toml",
         "HAPTICNET_MASTER_CODEC=raw hapticnet master --config rig.toml",
     ),
-    ("encode",): (
-        "hapticnet encode force.csv",
-        "hapticnet encode force.npy --force-column 2 --sampling-rate 1000 --codec deadband --json --csv decoded.csv",
-    ),
     ("compare",): (
         "hapticnet compare",
         "hapticnet compare force.csv --force-column fx,fy,fz --position-column x,y,z --plot-dir figures",

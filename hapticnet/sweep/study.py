@@ -169,7 +169,7 @@ class OrderingAxes(LinkAxes):
 
 
 class Reading(BaseModel):
-    """How to read recordings, as in the options of ``hapticnet encode``."""
+    """How recordings are read, as by the options of ``hapticnet compare``."""
 
     model_config = STRICT
 

@@ -64,22 +64,22 @@ def files(tmp_path):
     ("file", "words"),
     [
         ("missing.csv", ("missing.csv", "No such file")),
-        ("big.csv", ("sample 1", "1e+300", "within")),
         ("two.csv", ("which column?", "t_s, fx, fy")),
         ("picture.csv", ("a binary file of an unknown kind", ".parquet can be read")),
         ("objects.npy", ("damaged",)),
         ("", ("is a directory",)),
     ],
 )
-def test_recordings_that_cannot_be_encoded_are_refused_in_one_line(files, file, words):
-    assert_one_line(hapticnet("encode", files / file), *words, code=WRONG_FILE)
+def test_recordings_that_cannot_be_read_are_refused_in_one_line(files, file, words):
+    assert_one_line(hapticnet("compare", files / file), *words, code=WRONG_FILE)
 
 
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        (("encode", "{files}/two.csv", "--colour", "red"), ("--colour",)),
-        (("encode", "{files}/two.csv", "--force-column", "fx", "--csv", "/proc/nowhere/out.csv"), ("/proc/nowhere",)),
+        (("compare", "{files}/two.csv", "--colour", "red"), ("--colour",)),
+        (("compare", "{files}/good.csv", "--force-column", "f", "--csv", "/proc/nowhere/out.csv"), ("/proc/nowhere",)),
+        (("master", "--record", "{files}/run.csv", "--report", "{files}/run.csv"), ("named as an output twice",)),
         (("slave", "--scene", "missing.toml"), ("missing.toml", "No such file")),
         (("slave", "--scene", "{files}/unknown.toml"), ("unknown.toml", "colour")),
         (("master", "--profile", "{files}/zero.toml"), ("is a character device",)),
@@ -162,15 +162,6 @@ def test_recordings_of_one_name_stay_apart(tmp_path):
     for folder in "ab":
         assert f"{tmp_path / folder / 'force.npy'}: 500 samples" in done.stdout
     assert done.stdout.count("threshold 1 JND") == 3  # each recording, and the mean
-
-
-@pytest.mark.parametrize("others", [("--csv", "{file}"), ("--csv", "{file}.x", "--report", "{file}.x")])
-def test_no_result_is_written_over_the_recording_or_over_another_result(tmp_path, others):
-    file = tmp_path / "force.csv"
-    file.write_text("t_s,force_N\n0.0,1.0\n0.001,2.0\n")
-    before = file.read_bytes()
-    assert_one_line(hapticnet("encode", file, *(each.format(file=file) for each in others)), "choose another file")
-    assert file.read_bytes() == before
 
 
 @pytest.mark.parametrize(

@@ -140,8 +140,7 @@ def test_an_export_of_what_is_no_recording_says_so_and_writes_nothing(run, tmp_p
 def test_a_part_of_a_recording_is_not_read_as_a_force(run, tmp_path, name):
     write_session(tmp_path / "run.csv", ticks=10)
     said = f"a part of a recording; name its main file, {tmp_path / 'run.csv'}"
-    for verb in ("encode", "compare"):
-        assert_only_line(run(verb, tmp_path / name), said, code=FileError.exit_code)
+    assert_only_line(run("compare", tmp_path / name), said, code=FileError.exit_code)
 
 
 def test_an_existing_file_is_exported_over_only_with_force(run, recording, tmp_path):
@@ -151,15 +150,13 @@ def test_an_existing_file_is_exported_over_only_with_force(run, recording, tmp_p
 
 
 @pytest.mark.parametrize("suffix", SUFFIXES)
-@pytest.mark.parametrize("verb", ["encode", "compare"])
-def test_a_person_who_computes_with_a_recording_is_told_what_it_holds(run, tmp_path, suffix, verb):
+def test_a_person_who_computes_with_a_recording_is_told_what_it_holds(run, tmp_path, suffix):
     path = tmp_path / f"run{suffix}"
     write_session(path, ticks=TICKS)
-    done = run(verb, path, "--json", *(("--codecs", "raw") if verb == "compare" else ()))
+    done = run("compare", path, "--json", "--codecs", "raw")
     assert done.stderr.count("codec, parameters changed during this recording, at t_us 1100000") == 1
     assert done.stderr.count("no true force; received_n is what a master received, compressed already") == 1
-    account = json.loads(done.stdout)
-    assert (account["recordings"][0] if verb == "compare" else account)["samples"] == TICKS
+    assert json.loads(done.stdout)["recordings"][0]["samples"] == TICKS
 
 
 def test_info_shows_a_person_a_line_for_each_event_and_what_was_in_force_when(run, recording):

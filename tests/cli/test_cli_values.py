@@ -17,7 +17,6 @@ NEEDED = {
     ("channel",): ("--connect", "127.0.0.1:9"),
     ("slave",): ("--listen", "127.0.0.1:0", "--duration", "0"),
     ("master",): ("--connect", "127.0.0.1:9", "--connect-timeout", "0"),
-    ("encode",): ("hand.csv", "--position-column", "x_m"),
     ("compare",): ("hand.csv", "--position-column", "x_m", "--scene", "paper:1", "--plot-dir", "plots"),
     ("info",): ("hand.csv",),
     ("export",): ("hand.csv",),
