@@ -18,9 +18,9 @@ from hapticnet.cli.console import Console
 
 if TYPE_CHECKING:
     from hapticnet.sweep.engine import Progress
+    from hapticnet.sweep.plan import Plan
     from hapticnet.sweep.pools import AnyPool
     from hapticnet.sweep.results import Results, Summary
-    from hapticnet.sweep.runs import Plan
 
 ACCOUNT: Final = (
     "runs", "done", "computed", "failed", "first_error", "shards", "lost_workers", "poison", "seconds", "runs_per_s",
@@ -78,9 +78,9 @@ def run(
     from hapticnet.errors import SettingsError, UnavailableError
     from hapticnet.experiment.provenance import provenance
     from hapticnet.sweep import engine
+    from hapticnet.sweep.plan import plan_of
     from hapticnet.sweep.store import Store, arrow
     from hapticnet.sweep.study import read_study
-    from hapticnet.sweep.tasks import plan_of
 
     if jobs is not None and scheduler is not None:
         raise SettingsError("--jobs starts processes here, and --scheduler has its own workers; give one of them")
@@ -110,7 +110,7 @@ def run(
                     store,
                     there,
                     pool,
-                    sizes=engine.Sizes(shard, plan.sharing),
+                    sizes=engine.Sizes(shard),
                     is_stopped=lambda: bool(taken),
                     on_progress=show,
                 )

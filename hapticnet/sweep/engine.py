@@ -8,8 +8,9 @@ from typing import Any, Final
 
 from hapticnet.errors import FileError, HapticnetError, UnavailableError, in_words
 from hapticnet.experiment.workers import EndedError, Outcome
+from hapticnet.sweep.plan import Plan, Runner, rows_of
 from hapticnet.sweep.pools import AnyPool
-from hapticnet.sweep.runs import Cutter, Plan, Shard, rows_of
+from hapticnet.sweep.runs import Cutter, Shard
 from hapticnet.sweep.store import Computed, Store, shard_bytes
 
 SHARD_S: Final = 3.0  # duration of a shard [s]: long compared with the cost of storing it, but short to wait for
@@ -67,11 +68,10 @@ class Progress:
 
 
 class Sizes:
-    """Runs of the next shard: `fixed`, or `SHARD_S` long and fewer at the end; multiples of `Plan.sharing`."""
+    """Runs of the next shard: `fixed`, or `SHARD_S` long and fewer at the end."""
 
-    def __init__(self, fixed: int | None = None, sharing: int = 1) -> None:
+    def __init__(self, fixed: int | None = None) -> None:
         self._fixed = fixed
-        self._sharing = sharing
         self._recent: deque[tuple[int, float]] = deque(maxlen=WINDOW)
         self._largest = FIRST_RUNS
 
@@ -85,16 +85,13 @@ class Sizes:
             return self._fixed
         seconds = sum(each for _, each in self._recent)
         if seconds <= 0.0:
-            return self._rounded(FIRST_RUNS)
+            return FIRST_RUNS
         per_s = sum(runs for runs, _ in self._recent) / seconds
         fair = left // (2 * max(workers, 1))
         wanted = min(SHARD_S * per_s, max(fair, SHORTEST_S * per_s), GROWTH * self._largest)
-        size = self._rounded(wanted)
+        size = max(1, round(wanted))
         self._largest = max(self._largest, size)
         return size
-
-    def _rounded(self, runs: float) -> int:
-        return max(1, round(runs / self._sharing)) * self._sharing
 
 
 def sweep(
@@ -161,11 +158,11 @@ def sweep(
 
 
 def estimate(plan: Plan, workers: int, *, shard_runs: int | None = None) -> dict[str, Any]:
-    """Time a few runs of a study and return an estimate for all: times [s], and number and size [B] of files."""
-    each = min(-(-RUNS_EACH // plan.sharing) * plan.sharing, plan.runs)
+    """Run a few runs of a study and return what all of it takes: times [s], and number and size [B] of its files."""
+    each = min(RUNS_EACH, plan.runs)
     last = plan.runs - each
-    places = sorted({place * last // (PLACES - 1) // plan.sharing * plan.sharing for place in range(PLACES)})
-    runner, rows = plan.runner(), []
+    places = sorted({place * last // (PLACES - 1) for place in range(PLACES)})
+    runner, rows = Runner(plan), []
     began_s = time.perf_counter()
     for first in places:
         rows += rows_of(plan, runner, Shard(first, first + each))

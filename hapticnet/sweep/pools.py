@@ -12,7 +12,8 @@ from typing import Any, Final, TypeAlias
 
 from hapticnet.errors import SettingsError, UnavailableError
 from hapticnet.experiment.workers import IN_HAND, EndedError, Outcome, Pool
-from hapticnet.sweep.runs import Plan, Runner, Shard
+from hapticnet.sweep.plan import Plan, Runner
+from hapticnet.sweep.runs import Shard
 from hapticnet.sweep.store import Computed, compute, versions
 
 NEEDS: Final = "--scheduler needs Dask's distributed (extra cluster): pip install distributed"
@@ -25,7 +26,7 @@ _own = threading.local()
 def compute_here(plan: Plan, shard: tuple[int, int]) -> Computed:
     """Return a shard. A worker may have several threads, but each runner belongs to one thread."""
     if getattr(_own, "digest", None) != plan.digest:
-        _own.digest, _own.runner = plan.digest, plan.runner()
+        _own.digest, _own.runner = plan.digest, Runner(plan)
     runner: Runner = _own.runner
     return compute(plan, runner, Shard(*shard))
 

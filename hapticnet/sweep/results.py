@@ -14,10 +14,7 @@ from hapticnet.sweep.store import NEEDS, SHARDS, Store
 from hapticnet.sweep.study import Shown
 
 QUANTILES: Final = (0.05, 0.5, 0.95)
-DEFAULT_MEASURES: Final = {
-    "felt": ("packets_per_s", "felt_rmse_n", "felt_exceed_jnd"),
-    "ordering": ("correct", "bytes_per_penetration"),
-}
+DEFAULT_MEASURES: Final = ("packets_per_s", "felt_rmse_n", "felt_exceed_jnd")
 NOT_VARIED: Final = ("run", "repeat", "error")
 
 
@@ -33,8 +30,6 @@ LABELS: Final = {
     "felt_p99_error_n": "99th percentile of the error of the felt force [N]",
     "felt_rms_jnd": "RMS distance of the felt force [JND]",
     "coded_rmse_n": "RMS error of the codec [N]",
-    "correct": "share of correct orders",
-    "bytes_per_penetration": "B per penetration",
     "multiplier": "threshold [JND]",
     "delay_ms": "delay of each way [ms]",
     "jitter_ms": "jitter [ms]",
@@ -45,7 +40,6 @@ MOST_PANELS: Final = 12
 PANEL_HEIGHT_IN: Final = 2.3
 ACROSS: Final = 3  # panels in a row, at most
 MOST_DECADES: Final = 2.5  # decades up to which an axis of a panel has labels within a decade
-LINEAR: Final = ("correct",)
 
 
 @dataclass(frozen=True, slots=True)
@@ -99,7 +93,7 @@ def open_results(store: Store) -> Results:
 def chosen(results: Results, shown: Shown) -> tuple[tuple[str, ...], tuple[str, ...]]:
     """Return the groups and measures from the options, the study, or the defaults; SettingsError if unknown."""
     groups = tuple(shown.by or _usual(results))
-    measures = tuple(shown.of or DEFAULT_MEASURES.get(results.about["task"], results.about["measures"][:3]))
+    measures = tuple(shown.of or DEFAULT_MEASURES)
     _check_known("--by", "setting", groups, results.settings)
     _check_known("--of", "measure", measures, results.numbers)
     return groups, measures
@@ -210,10 +204,9 @@ def draw(results: Results, shown: Shown, by: Sequence[str], file: Path) -> None:
         )
         figure.suptitle(results.about["name"] + whiskers, fontsize=9)
         drawn = [axes for axes in grid.flat if axes.get_visible()]
-        if y not in LINEAR:  # errors and rates span decades; shares of answers do not
-            finish_axes(*drawn, across="log" if x.endswith("_per_s") else "linear")
-            for axes in drawn:
-                _thin_out(axes)
+        finish_axes(*drawn, across="log" if x.endswith("_per_s") else "linear")
+        for axes in drawn:
+            _thin_out(axes)
         for axes in grid[-1]:
             axes.set_xlabel(LABELS.get(x, x))
         told = LABELS.get(y, y) + (LOG_MARK if grid.flat[0].get_yscale() == "log" else "")

@@ -23,7 +23,7 @@ from hapticnet.perception import WeberLaw
 from hapticnet.recordings.loading import load_recording
 from hapticnet.scene.sources import find_scene, make_scene
 from hapticnet.sweep.runs import Columns, Row
-from hapticnet.sweep.study import LinkAxes, Reading
+from hapticnet.sweep.study import Axes, Reading
 
 PARAMETER: Final = "parameter_"  # prefix of the columns with parameters of codecs
 
@@ -71,8 +71,8 @@ def coder_columns(swept: tuple[str, ...]) -> Columns:
     return {"codec": "text", "label": "text", **numbers}
 
 
-def coders(axes: LinkAxes) -> tuple[Coder, ...]:
-    """Return the codecs of a study with all laws and parameters; SettingsError if one cannot be made."""
+def coders(axes: Axes) -> tuple[Coder, ...]:
+    """Return the codecs of a study with each of their laws and parameters; SettingsError if one cannot be made."""
     sources = {parse_codec(text)[0]: split_codec(text)[0] for text in axes.codec}
     laws = {key: getattr(axes, key) for key in LAW_KEYS}
     return tuple(
@@ -100,7 +100,7 @@ class Link:
         }
 
 
-def links(axes: LinkAxes) -> tuple[Link, ...]:
+def links(axes: Axes) -> tuple[Link, ...]:
     """Return every combination of the networks of a study; SettingsError if a part of one is given twice."""
     given = (("delay", axes.delay), ("jitter", axes.jitter), ("loss", axes.loss))
     parts = [[f"{key}={value}" for value in values] for key, values in given if values is not None]

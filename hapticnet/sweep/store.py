@@ -17,7 +17,8 @@ from hapticnet.documents import LARGEST_DOCUMENT
 from hapticnet.errors import FileError, SettingsError, UnavailableError
 from hapticnet.experiment.provenance import own_version
 from hapticnet.files import PART, check_folder, locked, read_bytes, read_text, replacing, replacing_bytes
-from hapticnet.sweep.runs import Plan, Row, Runner, Shard, overlap, rows_of
+from hapticnet.sweep.plan import MEASURED, Plan, Runner, rows_of
+from hapticnet.sweep.runs import Row, Shard, overlap
 
 ABOUT: Final = "sweep.json"
 STUDY: Final = "study.toml"
@@ -123,13 +124,12 @@ class Store:
         content = {
             "name": plan.name,
             "study": plan.digest,
-            "task": plan.task,
             "seed": plan.seed,
             "cells": plan.cells,
             "repeats": plan.repeats,
             "runs": plan.runs,
             "columns": plan.columns,
-            "measures": tuple(plan.measured),
+            "measures": tuple(MEASURED),
             "versions": versions(),
             **about,
         }

@@ -1,4 +1,4 @@
-"""The file of a study: STUDY.toml with a task, the values of its axes, and the number of repeats."""
+"""A study as its file states it: STUDY.toml with the values of its axes, and the number of repeats."""
 
 import math
 from collections.abc import Callable, Mapping
@@ -10,9 +10,8 @@ from pydantic import AfterValidator, BaseModel, BeforeValidator, Field
 
 from hapticnet.channel.settings import BernoulliLoss, format_time, parse_jitter, parse_loss, parse_time_us
 from hapticnet.channel.spec import parse_channel
-from hapticnet.checks import meant
-from hapticnet.documents import STRICT, parse_document, parse_tables, read_document
-from hapticnet.errors import HapticnetError, SettingsError
+from hapticnet.documents import STRICT, parse_document, read_document
+from hapticnet.errors import HapticnetError
 from hapticnet.experiment.grid import spread
 from hapticnet.perception import PAPER_FLOOR_N, PAPER_WEBER_FRACTION
 
@@ -134,8 +133,8 @@ Losses: TypeAlias = Annotated[list[Any], BeforeValidator(_as_list), _each(_loss)
 Repairs: TypeAlias = Annotated[Texts, _each(_repair)]
 
 
-class LinkAxes(BaseModel):
-    """The axes of every task: codecs and their law, the rate of positions, and parts of the networks."""
+class Axes(BaseModel):
+    """What is touched; codecs and their law; the rate of positions; the networks, and when a lost update is replaced."""
 
     model_config = STRICT
 
@@ -150,22 +149,11 @@ class LinkAxes(BaseModel):
     delay: Times | None = None
     jitter: Jitters | None = None
     loss: Losses | None = None
-
-
-class FeltAxes(LinkAxes):
-    """The axes of the task "felt": what is touched, after which time a lost update is replaced, and prediction."""
-
     scene: Texts | None = None
     hand: Texts | None = None
     recording: Texts | None = None
     repair: Repairs = ["round-trip"]
     predicted: list[bool] = [False]
-
-
-class OrderingAxes(LinkAxes):
-    """The axes of the task "ordering"."""
-
-    observer: Texts = ["literature"]
 
 
 class Reading(BaseModel):
@@ -196,7 +184,7 @@ class Shown(BaseModel):
 
 
 class Study(BaseModel):
-    """The common part of all tasks' files. More repeats add runs and change none."""
+    """Forces felt over a network beside the true ones; see `node.closed_loop`. More repeats add runs and change none."""
 
     model_config = STRICT
 
@@ -204,33 +192,15 @@ class Study(BaseModel):
     seed: Annotated[int, Field(ge=0, lt=2**63)] = 1
     repeats: Annotated[int, Field(ge=1, le=MOST_REPEATS)] = 1
     show: Shown = Field(default_factory=Shown)
-
-
-class FeltStudy(Study):
-    """Forces felt over a network compared with the true ones; see `node.closed_loop`."""
-
-    task: Literal["felt"]
-    axes: FeltAxes = Field(default_factory=FeltAxes)
+    axes: Axes = Field(default_factory=Axes)
     reading: Reading | None = None
-
-
-class OrderingStudy(Study):
-    """Trials in which simulated observers order three tissues; `answers` of each kind judge one trial."""
-
-    task: Literal["ordering"]
-    axes: OrderingAxes = Field(default_factory=OrderingAxes)
-    answers: Annotated[int, Field(ge=1, le=100_000)] = 1
-
-
-AnyStudy: TypeAlias = FeltStudy | OrderingStudy
-TASKS: Final[dict[str, type[FeltStudy] | type[OrderingStudy]]] = {"felt": FeltStudy, "ordering": OrderingStudy}
 
 
 @dataclass(frozen=True, slots=True)
 class StudyFile:
     """A study with its text and its folder, to which its paths are relative."""
 
-    study: AnyStudy
+    study: Study
     text: str
     source: str
     folder: Path
@@ -239,14 +209,4 @@ class StudyFile:
 def read_study(path: Path) -> StudyFile:
     """Return the study in a TOML file; FileError if it is not TOML, SettingsError for a wrong key or value."""
     text = read_document(path)
-    return StudyFile(parse_study(text, str(path)), text, str(path), path.parent)
-
-
-def parse_study(text: str, source: str) -> AnyStudy:
-    """Return the study in a text; messages name `source` as its origin."""
-    task: Any = parse_tables(text, source).get("task")
-    if not isinstance(task, str) or task not in TASKS:
-        if task is None:
-            raise SettingsError(f"{source}: task is missing; choose from {', '.join(TASKS)}")
-        raise SettingsError(f"{source}: task is {task!r}{meant(str(task), TASKS)}; choose from {', '.join(TASKS)}")
-    return parse_document(text, source, TASKS[task])
+    return StudyFile(parse_document(text, str(path), Study), text, str(path), path.parent)

@@ -22,7 +22,6 @@ from tests.cli.test_cli_errors import assert_only_line
 
 STUDY = """
 name = "small"
-task = "felt"
 repeats = 3
 
 [axes]

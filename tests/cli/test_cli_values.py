@@ -52,7 +52,7 @@ def files(tmp_path, monkeypatch):
     (tmp_path / "hand.csv").write_text(
         "t_s,f_n,x_m\n" + "".join(f"{n / 1000},{n / 100},{n / 1e5}\n" for n in range(50))
     )
-    (tmp_path / "study.toml").write_text('name = "small"\ntask = "felt"\n')
+    (tmp_path / "study.toml").write_text('name = "small"\n')
 
 
 def without(words, name):

@@ -18,7 +18,6 @@ PACKAGES = ("numpy", "msgpack", "mcap", "prometheus_client", "typer", "uvloop", 
 TAKEN = "a file of the working folder was run"
 STUDY = """
 name = "Few"
-task = "felt"
 [axes]
 codec = ["deadband"]
 loss = [0, "2%"]

@@ -9,14 +9,12 @@ import pytest
 from pyarrow import parquet
 
 from hapticnet.codec import registry
-from hapticnet.sweep.runs import Plan
+from hapticnet.sweep.plan import Plan, plan_of
 from hapticnet.sweep.store import SHARDS
 from hapticnet.sweep.study import read_study
-from hapticnet.sweep.tasks import plan_of
 
 SMALL = """
 name = "small"
-task = "felt"
 seed = 7
 repeats = 4
 

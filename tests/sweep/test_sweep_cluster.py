@@ -8,8 +8,9 @@ import pytest
 from hapticnet.errors import UnavailableError
 from hapticnet.sweep import pools as module
 from hapticnet.sweep.engine import Sizes, sweep
+from hapticnet.sweep.plan import Runner, rows_of
 from hapticnet.sweep.pools import ClusterPool
-from hapticnet.sweep.runs import Shard, rows_of
+from hapticnet.sweep.runs import Shard
 from hapticnet.sweep.store import Store
 
 distributed = pytest.importorskip("distributed")
@@ -43,7 +44,7 @@ def test_a_cluster_gives_the_same_rows_and_goes_on_after_its_scheduler_was_gone(
     plan, rows, tmp_path, cluster, monkeypatch
 ):
     monkeypatch.setattr(module, "CONNECT_S", 0.5)
-    truth = rows_of(plan, plan.runner(), Shard(0, plan.runs))
+    truth = rows_of(plan, Runner(plan), Shard(0, plan.runs))
     address = cluster.scheduler_address
     done = swept(plan, tmp_path / "one", ClusterPool(plan, address))
     assert (done.done, done.poison) == (64, [])

@@ -9,11 +9,11 @@ import pytest
 from hapticnet.errors import FileError, SettingsError, UnavailableError
 from hapticnet.experiment.workers import EndedError, Outcome
 from hapticnet.sweep.engine import ATTEMPTS, HOPELESS, Progress, Sizes, sweep
+from hapticnet.sweep.plan import Runner, plan_of, rows_of
 from hapticnet.sweep.pools import local_pool
-from hapticnet.sweep.runs import Shard, rows_of
+from hapticnet.sweep.runs import Shard
 from hapticnet.sweep.store import Store, compute, shard_name
 from hapticnet.sweep.study import read_study
-from hapticnet.sweep.tasks import plan_of
 
 
 class HerePool:
@@ -22,7 +22,7 @@ class HerePool:
     workers = 2
 
     def __init__(self, plan, poison=(), most_breaks=10**6):
-        self._plan, self._runner = plan, plan.runner()
+        self._plan, self._runner = plan, Runner(plan)
         self._poison, self._breaks = set(poison), most_breaks
         self._waiting = deque()
         self.began = []
@@ -62,7 +62,7 @@ def swept(plan, path, pool, *, shard=None, **options) -> Progress:
 
 @pytest.fixture
 def truth(plan):
-    return rows_of(plan, plan.runner(), Shard(0, plan.runs))
+    return rows_of(plan, Runner(plan), Shard(0, plan.runs))
 
 
 def test_the_rows_do_not_depend_on_the_size_of_shards(plan, truth, rows, tmp_path):
@@ -228,9 +228,6 @@ def test_shards_grow_to_seconds_and_shrink_toward_the_end():
     assert 250 <= largest <= 350
     assert sizes.next(400, 2) <= 100
     assert sizes.next(1, 2) >= 1
-    together = Sizes(sharing=5)
-    together.note(5, 9.0)
-    assert together.next(10_000, 2) == 5, "observers of one trial are not torn apart"
 
 
 def test_a_run_that_ends_its_process_costs_its_own_shard_only(own_codec, rows, tmp_path):

@@ -1,4 +1,4 @@
-"""What the runs of each task measure, and that they depend on nothing but the study and their number."""
+"""What runs measure, and that they depend on nothing but the study and their number."""
 
 import pickle
 
@@ -11,9 +11,9 @@ from hapticnet.experiment.comparison import REPAIR_US
 from hapticnet.measure.metrics import error_report
 from hapticnet.node.closed_loop import simulate_link
 from hapticnet.perception import WeberLaw
-from hapticnet.sweep.runs import Shard, rows_of
+from hapticnet.sweep.plan import Runner, plan_of, rows_of
+from hapticnet.sweep.runs import Shard
 from hapticnet.sweep.study import read_study
-from hapticnet.sweep.tasks import plan_of
 
 SHORT = "scripted:insertions=1,approach_s=0.05,push_s=0.2,pause_s=0,withdraw_s=0.05,rest_s=0"
 
@@ -29,7 +29,7 @@ def planned(tmp_path):
 
 
 def test_a_felt_run_is_what_feel_says_with_the_random_numbers_of_its_number(plan):
-    runner = plan.runner()
+    runner = Runner(plan)
     row = rows_of(plan, runner, Shard(23, 24))[0]  # repeat 1, combination 7
     assert (row["run"], row["repeat"], row["codec"], row["multiplier"]) == (23, 1, "linear-predictive", 1.0)
     assert (row["delay_ms"], row["loss"], row["feedback"]) == (5.0, 0.1, "delay=5ms,jitter=normal:2ms,loss=10%")
@@ -49,14 +49,17 @@ def test_a_felt_run_is_what_feel_says_with_the_random_numbers_of_its_number(plan
     assert (row["sent"], row["received"]) == (felt.sent, felt.received)
     assert row["felt_rmse_n"] == error_report(law, trial.stimuli, felt.applied).rmse_n
     assert row["felt_rms_jnd"] > row["coded_rmse_n"] > 0.0
+    assert set(row) == set(plan.columns)
+    other = pickle.loads(pickle.dumps(plan))  # noqa: S301 - of this test
+    assert rows_of(other, Runner(other), Shard(23, 24)) == [row], "another worker, which did no run before"
 
 
 def test_all_combinations_of_a_repeat_meet_the_same_hand_and_every_repeat_another(planned):
     plan = planned(
-        f'name = "x"\ntask = "felt"\nrepeats = 2\n[axes]\nhand = "{SHORT}"\nscene = ["paper:1", "paper:2"]\n'
+        f'name = "x"\nrepeats = 2\n[axes]\nhand = "{SHORT}"\nscene = ["paper:1", "paper:2"]\n'
         'multiplier = [1, 2]\nrepair = ["never", "round-trip"]\n'
     )
-    rows = rows_of(plan, plan.runner(), Shard(0, plan.runs))
+    rows = rows_of(plan, Runner(plan), Shard(0, plan.runs))
     by_hand = {(row["source"], row["repeat"]): row["coded_rmse_n"] for row in rows if row["multiplier"] == 1.0}
     assert len(set(by_hand.values())) == len(by_hand) == 4
     for row in rows:
@@ -66,23 +69,7 @@ def test_all_combinations_of_a_repeat_meet_the_same_hand_and_every_repeat_anothe
 
 def test_scenes_on_three_axes_are_palpated(planned):
     hand = "palpation:palpations=1,strokes=1,press_s=0.1,stroke_s=0.1,rest_s=0"
-    plan = planned(f'name = "x"\ntask = "felt"\n[axes]\nscene = "phantom"\nhand = "{hand}"\nrate_hz = 200\n')
-    row = rows_of(plan, plan.runner(), Shard(0, 1))[0]
+    plan = planned(f'name = "x"\n[axes]\nscene = "phantom"\nhand = "{hand}"\nrate_hz = 200\n')
+    row = rows_of(plan, Runner(plan), Shard(0, 1))[0]
     assert row["error"] is None
     assert row["sent"] > 0
-
-
-def test_observers_who_feel_the_same_trial_answer_by_their_own_random_numbers(planned):
-    plan = planned(
-        'name = "x"\ntask = "ordering"\nanswers = 40\n[axes]\nrate_hz = 250\n'
-        'observer = ["literature", "literature:spread=0", "never-different", "always-same"]\n'
-    )
-    whole = rows_of(plan, plan.runner(), Shard(0, 4))
-    assert [row["error"] for row in whole] == [None] * 4
-    assert {row["bytes_per_penetration"] for row in whole} == {whole[0]["bytes_per_penetration"]}
-    assert whole[0]["correct"] > 0.5
-    assert whole[3]["correct"] == float(whole[3]["order"] == "123")
-    # Another worker, which did not play the trial for the observers before, gives the same answers.
-    other = pickle.loads(pickle.dumps(plan))  # noqa: S301 - of this test
-    assert rows_of(other, other.runner(), Shard(2, 3)) == whole[2:3]
-    assert set(whole[0]) == set(plan.columns)
