@@ -140,15 +140,6 @@ KeyArgument: TypeAlias = Annotated[
     Path | None,
     Option("The key file; default: ~/.config/hapticnet/key.toml.", "FILE", variable="HAPTICNET_KEY", argument=True),
 ]
-MastersArgument: TypeAlias = Annotated[
-    Path | None,
-    Option(
-        "The slave's list of masters; default: masters.toml beside the key.",
-        "FILE",
-        variable="HAPTICNET_MASTERS",
-        argument=True,
-    ),
-]
 Insecure: TypeAlias = Annotated[
     bool, Option("Allow open sessions with other hosts: neither encrypted nor authenticated.")
 ]

@@ -31,7 +31,7 @@ EXAMPLES: Final[dict[tuple[str, ...], tuple[str, ...]]] = {
     ),
     ("scene",): ("hapticnet scene show paper:1",),
     ("device",): ("hapticnet device find", "hapticnet device step sim:0.6"),
-    ("key",): ("hapticnet key new", "hapticnet key list"),
+    ("key",): ("hapticnet key new", "hapticnet key public"),
     ("demo",): (
         "hapticnet demo",
         "hapticnet demo --page",
@@ -97,5 +97,4 @@ EXAMPLES: Final[dict[tuple[str, ...], tuple[str, ...]]] = {
     ("device", "sim"): ("hapticnet device sim",),
     ("key", "new"): ("hapticnet key new", "hapticnet key new --name finger"),
     ("key", "public"): ("hapticnet key public",),
-    ("key", "list"): ("hapticnet key list", "hapticnet key list masters.toml --json"),
 }

@@ -1,13 +1,10 @@
 """``hapticnet key``: make and show the keys of sealed sessions."""
 
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated
 
 import typer
 
 from hapticnet import options
-
-if TYPE_CHECKING:
-    from hapticnet.protocol.keys import MasterEntry
 
 app = typer.Typer(no_args_is_help=True, help="Make and show the keys of sealed sessions.")
 
@@ -52,39 +49,3 @@ def public(file: options.KeyArgument = None) -> None:
     from hapticnet.protocol.keys import format_key
 
     print(format_key(load_key(file or default_key()).public))
-
-
-@app.command("list", short_help="List the masters that the slave admits.")
-def list_masters(file: options.MastersArgument = None, json: options.Json = False) -> None:
-    """List the masters that the slave admits, with their limits, after the same checks as at the start of the slave."""
-    import os
-
-    from hapticnet.cli.console import deliver, print_table
-    from hapticnet.files import user_path
-    from hapticnet.protocol.key_files import default_key, default_masters, load_key
-    from hapticnet.runtime.trust import read_guests
-
-    key = user_path(os.environ.get("HAPTICNET_KEY") or default_key())
-    path = file or default_masters(key)
-    roster, _ = read_guests(path, load_key(key).public if key.exists() else None)
-    rows = [_as_json(entry) for entry in roster]
-    if json:
-        deliver({"file": str(path), "masters": rows}, as_json=True, file=None)
-    elif rows:
-        print_table([list(rows[0]), *(list(row.values()) for row in rows)])
-    else:
-        print(f"{path} admits no master; 'hapticnet key new' on a master's host prints what to add")
-
-
-def _as_json(entry: "MasterEntry") -> dict[str, Any]:
-    """Return an entry without its pre-shared key, which is a secret."""
-    from hapticnet.protocol.keys import NO_PSK, format_key
-
-    return {
-        "name": entry.name,
-        "public": format_key(entry.public),
-        "psk": entry.psk != NO_PSK,
-        "scene": entry.scene,
-        "fastest_rate_hz": entry.fastest_rate_hz,
-        "most_sessions": entry.most_sessions,
-    }

@@ -40,8 +40,8 @@ class Guests:
         return [fault for source in self._sources for fault in source.close()]
 
 
-def read_guests(file: Path, own: bytes | None) -> tuple[Roster, dict[str, SceneSource]]:
-    """Return a list of masters and the scenes it names; `own` is the slave's public key, None if unknown.
+def read_guests(file: Path, own: bytes) -> tuple[Roster, dict[str, SceneSource]]:
+    """Return a list of masters and the scenes it names; `own` is the slave's public key.
 
     Paths are relative to the folder of the list. FileError or SettingsError if it, a scene or a key cannot be used.
     """
