@@ -40,14 +40,6 @@ def parse_bytes(text: str | int) -> int:
     return int(float(number) * (1024 if binary else 1000) ** " KMGT".index(prefix.upper() or " "))
 
 
-def bytes_in_words(size: int) -> str:
-    """Return a size [B] in the form that `parse_bytes` reads, with the largest unit that leaves a whole number."""
-    for unit, name in ((2**30, "GiB"), (10**9, "GB"), (2**20, "MiB"), (10**6, "MB")):
-        if size > 0 and size % unit == 0:
-            return f"{size // unit}{name}"
-    return str(size)
-
-
 def user_path(path: str | os.PathLike[str]) -> Path:
     """Return a user's path with a ``~`` at its start replaced: shells do not expand it in ``--key=~/key.toml``."""
     try:

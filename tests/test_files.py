@@ -8,7 +8,6 @@ import pytest
 from hapticnet.documents import read_document
 from hapticnet.errors import FileError, SettingsError
 from hapticnet.files import (
-    bytes_in_words,
     check_readable,
     check_replaceable,
     fresh_path,
@@ -161,8 +160,3 @@ def test_a_fresh_path_is_the_first_that_does_not_exist(tmp_path):
     for name in ("demo", "demo-2"):
         (tmp_path / name).mkdir()
     assert fresh_path(tmp_path / "demo") == tmp_path / "demo-3"
-
-
-@pytest.mark.parametrize("text", ["2GiB", "500MB", "1234567"])
-def test_a_size_in_words_can_be_read_again(text):
-    assert bytes_in_words(parse_bytes(text)) == text

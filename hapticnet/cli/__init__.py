@@ -16,7 +16,6 @@ from hapticnet.cli import (
     key,
     recordings,
     scene,
-    settings,
     sweep,
 )
 from hapticnet.cli.console import complain
@@ -84,9 +83,6 @@ app.command(short_help="Print what a recording holds.")(recordings.info)
 app.command(short_help="Write a recording as CSV, Parquet, NumPy or MCAP.")(recordings.export)
 app.command(short_help="List the codecs with their rules and parameters.")(codecs.codecs)
 app.command(short_help="Check whether this machine is fit, and say what to do.")(doctor.doctor)
-app.command(
-    short_help="Print the options of a verb, and where each value came from.", context_settings=settings.SETTINGS
-)(settings.config)
 app.add_typer(scene.app, name="scene")
 app.add_typer(device.app, name="device")
 app.add_typer(key.app, name="key")

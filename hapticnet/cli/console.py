@@ -5,7 +5,7 @@ import math
 import os
 import sys
 import time
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any, Final
 
@@ -134,24 +134,6 @@ def _print(text: str, stall_s: float | None) -> None:
 def show(text: str) -> None:
     """Print a text for a person on stdout, with control characters replaced by "?"."""
     print("\n".join(visible(line) for line in text.split("\n")))
-
-
-def print_table(rows: Iterable[Sequence[object]]) -> None:
-    """Print rows as aligned columns on stdout; a missing value is a dash."""
-    lines = [[_cell(value) for value in row] for row in rows]
-    widths = [max(map(len, column)) for column in zip(*lines, strict=True)]
-    for line in lines:
-        show("  ".join(cell.ljust(width) for cell, width in zip(line, widths, strict=True)).rstrip())
-
-
-def _cell(value: object) -> str:
-    if value is None or value == [] or value == ():
-        return "–"
-    if isinstance(value, bool):
-        return "yes" if value else "no"
-    if isinstance(value, list | tuple):
-        return " ".join(map(str, value))
-    return f"{value:g}" if isinstance(value, float) else str(value)
 
 
 def write_text(path: Path, text: str, *, follow: bool = True) -> None:

@@ -63,11 +63,6 @@ EXAMPLES: Final[dict[tuple[str, ...], tuple[str, ...]]] = {
     ),
     ("codecs",): ("hapticnet codecs", "hapticnet codecs --json"),
     ("doctor",): ("hapticnet doctor", "hapticnet doctor --device serial:auto --quick"),
-    ("config",): (
-        "hapticnet config",
-        "hapticnet config master",
-        "hapticnet config --config rig.toml master --codec raw",
-    ),
     ("experiment", "limits"): (
         "hapticnet experiment limits --participant 03 --device serial:auto --profile device.toml",
         "hapticnet experiment limits --participant 03 --simulate literature --out-dir rehearsal",

@@ -1,28 +1,20 @@
-"""Values of options from a configuration file and from the environment, and ``hapticnet config``, which shows them."""
+"""Values of options from a configuration file and from the environment."""
 
-import os
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any, Final, TypeAlias
+from typing import Any, Final, TypeAlias
 
 import typer
 
-from hapticnet import options
 from hapticnet.checks import meant
 from hapticnet.errors import SettingsError
-from hapticnet.files import bytes_in_words, user_path
 
 PREFIX: Final = "HAPTICNET_"  # start of the names of environment variables
 CONFIG_VARIABLE: Final = "HAPTICNET_CONFIG"  # environment variable that names the configuration file
-OTHER_VARIABLES: Final = {CONFIG_VARIABLE, "HAPTICNET_TRACEBACK", "HAPTICNET_FIRMWARE"}
-"""Environment variables that set no option: `cli.SHOW_TRACEBACK` and `runtime.nano.BUILD_VARIABLE` are the others."""
-
-FOUND: Final = "hapticnet.found"  # key of a context's values from file and environment
-DEFAULT: Final = "default"  # the source of a default
-SETTINGS: Final = {"allow_interspersed_args": False, "ignore_unknown_options": True}  # leave the rest to the verb
-UNSETTABLE: Final = {"help", "config"}  # options for the command line only
-FLAGS: Final = {  # values of a flag in the environment
+FOUND: Final = "hapticnet.found"  # where a context keeps what file and environment set
+UNSETTABLE: Final = {"help", "config"}  # options that are given on the command line only
+FLAGS: Final = {  # what the environment may set a flag to
     **dict.fromkeys(("1", "true", "yes", "on"), True),
     **dict.fromkeys(("0", "false", "no", "off"), False),
 }
@@ -86,12 +78,6 @@ def from_environment(verb: Verb, command: Any, environment: Mapping[str, str]) -
     return found
 
 
-def own_variables(command: Any, environment: Mapping[str, str]) -> dict[str, Found]:
-    """Return the values of shared variables, such as HAPTICNET_KEY, by the parameters' names."""
-    shared = {each.name: str(each.envvar) for each in settable(command).values() if each.envvar}
-    return {name: Found(environment[each], each) for name, each in shared.items() if environment.get(each)}
-
-
 def unknown_variables(verb: Verb, command: Any, environment: Mapping[str, str]) -> Iterator[str]:
     """Yield a line for each environment variable that looks like an option of a verb but is not."""
     start = variable(verb, "")
@@ -100,17 +86,6 @@ def unknown_variables(verb: Verb, command: Any, environment: Mapping[str, str]) 
         if name.startswith(start) and name not in known:
             guess = _guess(name, known)
             yield f"the environment variable {name} is ignored: {' '.join(verb)} has no such option{guess}"
-
-
-def unknown_to_all(root: Any, environment: Mapping[str, str]) -> Iterator[str]:
-    """Yield a line for each environment variable with hapticnet's prefix that no verb reads."""
-    known = set(OTHER_VARIABLES)
-    for verb, command in leaves(root):
-        known |= {variable(verb, key) for key in settable(command)}
-        known |= {str(each.envvar) for each in command.params if each.envvar}
-    for name in sorted(environment):
-        if name.startswith(PREFIX) and name not in known:
-            yield f"the environment variable {name} is ignored: no verb has such an option{meant(name, sorted(known))}"
 
 
 def from_file(path: Path, root: Any) -> dict[Verb, dict[str, Found]]:
@@ -209,87 +184,3 @@ def found_of(ctx: typer.Context) -> dict[str, Found]:
     """Return the values from file and environment, by the parameters' names."""
     found: dict[str, Found] = ctx.meta.get(FOUND, {})
     return found
-
-
-def config(
-    ctx: typer.Context,
-    verb: Annotated[
-        list[str] | None, typer.Argument(metavar="VERB OPTIONS", help="A verb and its options, as in a real run.")
-    ] = None,
-    file: Annotated[
-        Path | None,
-        typer.Option("--config", envvar="HAPTICNET_CONFIG", metavar="FILE", help="The TOML file with options."),
-    ] = None,
-    json: options.Json = False,
-) -> None:
-    """Print each option of a verb with its value and where the value came from; the verb is not run.
-
-    An option on the command line takes precedence over the environment (HAPTICNET_MASTER_CODEC for the --codec of
-    master), which takes precedence over the file given by --config; otherwise the default applies.
-
-    Without a verb, print the values from file and environment for all verbs. HAPTICNET_ variables that set
-    nothing are reported as warnings.
-    """
-    from hapticnet.cli.console import Console, print_table
-
-    root: Any = ctx.find_root()
-    for line in unknown_to_all(root.command, os.environ):
-        Console("config").warn(line)
-    known = dict(leaves(root.command))
-    file = None if file is None else user_path(file)
-    in_file = {} if file is None else from_file(file, root.command)
-    if verb:
-        rows = _resolve(root, verb, file)
-    else:
-        rows = [
-            {"verb": " ".join(words), "option": option_key(option), "value": found.value, "source": found.source}
-            for words, command in known.items()
-            for option in command.params
-            for name, found in (
-                in_file.get(words, {})
-                | from_environment(words, command, os.environ)
-                | own_variables(command, os.environ)
-            ).items()
-            if name == option.name
-        ]
-    if json:
-        import json as json_module
-
-        print(json_module.dumps(rows, indent=2, default=str))
-    elif rows:
-        verbs = len({row["verb"] for row in rows})
-        print_table(
-            (f"{row['verb']} " * (verbs > 1) + f"--{row['option']}", row["value"], row["source"]) for row in rows
-        )
-    else:
-        print("neither a file nor the environment sets an option; hapticnet config VERB lists the defaults")
-
-
-def _resolve(root: Any, arguments: list[str], file: Path | None) -> list[dict[str, Any]]:
-    """Return the options of the verb that the arguments start with, as a run with these arguments would see them."""
-    verbs = dict(leaves(root.command))
-    words = next((tuple(arguments[:count]) for count in (1, 2) if tuple(arguments[:count]) in verbs), None)
-    if words is None:
-        names = ", ".join(" ".join(each) for each in verbs)
-        raise SettingsError(f"unknown verb {' '.join(arguments[:2])!r}; choose from {names}")
-    context, command = root, verbs[words]
-    for word in words[:-1]:
-        context = type(root)(context.command.commands[word], parent=context, info_name=word)
-    given = ["--config", str(file)] if file is not None else []
-    context = command.make_context(words[-1], [*given, *arguments[len(words) :]], parent=context)
-    found = found_of(context)
-    rows = []
-    for option in settable(command).values():
-        source = context.get_parameter_source(option.name)
-        described = {
-            "COMMANDLINE": "command line",
-            "ENVIRONMENT": str(option.envvar),
-            "DEFAULT_MAP": found[option.name].source if option.name in found else DEFAULT,
-        }.get(source.name if source is not None else "", DEFAULT)
-        value = context.params.get(option.name)
-        if option.metavar == "SIZE" and isinstance(value, int):
-            value = bytes_in_words(value)
-        rows.append(
-            {"verb": " ".join(verb_of(context)), "option": option_key(option), "value": value, "source": described}
-        )
-    return rows

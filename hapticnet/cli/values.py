@@ -1,9 +1,9 @@
-"""Checks of option values before a verb begins, and completions for the shell, by the parameter's name.
+"""The values of options by the parameter's name: what is checked before a verb begins.
 
 Imports happen only once there is a value.
 """
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Mapping
 from typing import Any, Final
 
 import typer
@@ -14,7 +14,6 @@ CHECKED: Final = {
     "connect", "listen", "metrics", "page", "channel_out", "channel_in", "codec", "add_codec", "rate", "fastest_rate",
     "device", "operator", "scheduler",
 }  # fmt: skip
-COMPLETED: Final = {"codec", "scene", "device", "operator", "verb", "channel_out", "channel_in"}
 
 
 def check_values(ctx: typer.Context, options: Mapping[str, Any]) -> None:
@@ -73,36 +72,3 @@ def _check(name: str, value: Any) -> None:
         if kind not in ("tcp", "tls") or not separator:
             raise SettingsError(f"address {value!r} must be tcp://HOST:PORT or tls://HOST:PORT")
         _check("connect", place)
-
-
-def completer(name: str) -> Callable[..., list[str]]:
-    """Return the completion for the parameter `name`; files are completed by the shell itself."""
-
-    def complete(ctx: typer.Context, incomplete: str) -> list[str]:
-        return sorted(each for each in _known(name, ctx) if each.startswith(incomplete))
-
-    return complete
-
-
-def _known(name: str, ctx: typer.Context) -> Iterable[str]:
-    if name == "codec":
-        from hapticnet.codec.registry import all_codecs, register_installed_codecs
-
-        register_installed_codecs()
-        return all_codecs()
-    if name == "scene":
-        from hapticnet.scene.sources import scene_names
-
-        return ["paper", *scene_names()]
-    if name == "device":
-        from serial.tools import list_ports
-
-        ports = [f"serial:{port.device}" for port in list_ports.comports()]
-        return ["sim", "simavr", "none", "serial:auto", *ports]
-    if name == "operator":
-        return ["scripted", "palpation", "trace:", "page", "udp:"]
-    if name == "verb":
-        return getattr(ctx.find_root().command, "commands", ())
-    from hapticnet.channel.spec import PRESETS
-
-    return PRESETS

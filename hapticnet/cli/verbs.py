@@ -27,7 +27,7 @@ from hapticnet.cli.settings import (
     verb_of,
     wanted,
 )
-from hapticnet.cli.values import COMPLETED, check_values, completer
+from hapticnet.cli.values import check_values
 from hapticnet.errors import HapticnetError
 from hapticnet.files import user_path
 from hapticnet.options import option_of
@@ -80,8 +80,6 @@ def _equipped(function: Callable[..., None], *, log: bool) -> Callable[..., None
             for each, value in defaults
         ]
     own = [_parameter(each.name, _typed(each.name, each.annotation), each.default) for each in own]
-    if any(each.name == "ctx" for each in own):  # config prints the options of other verbs
-        return _with_signature(function, own)
 
     @functools.wraps(function)
     def verb(ctx: typer.Context, **options: Any) -> None:
@@ -114,7 +112,7 @@ def _with_signature(function: Any, parameters: list[inspect.Parameter]) -> Calla
 
 
 def _typed(name: str, annotation: Any) -> Any:
-    """Return the annotation of a parameter in typer's words, with its metavar and its completion."""
+    """Return the annotation of a parameter in typer's words, with what its value is called."""
     if (option := option_of(annotation)) is not None:
         told: dict[str, Any] = {"metavar": option.metavar, "help": option.help, "parser": option.parser}
         told |= {"show_default": option.show_default, "envvar": option.variable}
@@ -125,8 +123,6 @@ def _typed(name: str, annotation: Any) -> Any:
         annotation = Annotated[annotation.__origin__, info, option]
     for info in getattr(annotation, "__metadata__", ()):
         if isinstance(info, ParameterInfo):
-            if name in COMPLETED and info.autocompletion is None:
-                info.autocompletion = completer(name)
             kinds = {annotation.__origin__, *getattr(annotation.__origin__, "__args__", ())}
             by_type = next((value for each, value in VALUES.items() if each in kinds), None)
             info.metavar = info.metavar or UNITS.get(name) or by_type
@@ -183,7 +179,7 @@ CONFIG: Final = typer.Option(
     metavar="FILE",
     is_eager=True,
     callback=_configure,
-    help="Read options that are not given here from this TOML file; hapticnet config shows which.",
+    help="Take options that are not given here from this TOML file.",
 )
 LOG_JSON: Final = typer.Option(
     "--log-json/--no-log-json", is_eager=True, callback=_choose_log, help="Write each line on stderr as a JSON object."

@@ -57,10 +57,7 @@ def test_there_are_examples_of_the_verbs_that_exist():
     [
         (("ma",), {"master"}),
         (("master", "--insec"), {"--insecure"}),
-        (("master", "--codec", "dead"), {"deadband"}),
-        (("master", "--device", "si"), {"sim", "simavr"}),
-        (("slave", "--scene", "pa"), {"paper"}),
-        (("config", "ma"), {"master"}),
+        (("master", "--positions", "l"), {"line"}),
         (("sweep", "s"), {"show"}),
         (("sweep", "study.toml", "--sch"), {"--scheduler"}),
     ],

@@ -87,7 +87,7 @@ def test_a_slave_without_it_refuses_and_imports_nothing(start, slave, codec):
 
 
 @pytest.mark.usefixtures("codec")
-def test_an_installed_package_offers_it_by_name(tmp_path, monkeypatch):
+def test_an_installed_package_offers_it_by_name(tmp_path):
     def installed(*arguments):
         """Run a command line where packages are installed in this folder."""
         path = {"PYTHONPATH": f"{ROOT}{os.pathsep}{tmp_path}"}
@@ -108,10 +108,6 @@ def test_an_installed_package_offers_it_by_name(tmp_path, monkeypatch):
     assert listed.stderr == "codecs: codec gone:Gone: cannot find gone\n"
     done = installed("compare", "force.csv", "--codecs", "every:step=5", "--json")
     assert {row["sent"] for row in json.loads(done.stdout)["rows"]} == {200}
-    monkeypatch.setenv("_HAPTICNET_COMPLETE", "complete_bash")
-    monkeypatch.setenv("COMP_WORDS", "hapticnet master --codec ev")
-    monkeypatch.setenv("COMP_CWORD", "3")
-    assert installed().stdout == "every\n"
 
 
 @pytest.mark.usefixtures("codec")
