@@ -79,7 +79,6 @@ EXAMPLES: Final[dict[tuple[str, ...], tuple[str, ...]]] = {
         "hapticnet experiment power my.toml --shares 0.775,0.675",
     ),
     ("scene", "show"): ("hapticnet scene show paper:1", "hapticnet scene show my.toml --json"),
-    ("scene", "run"): ("hapticnet scene run my.toml --trace motion.csv --out forces.csv",),
     ("device", "find"): ("hapticnet device find",),
     ("device", "info"): ("hapticnet device info serial:auto",),
     ("device", "monitor"): ("hapticnet device monitor serial:/dev/ttyUSB0",),

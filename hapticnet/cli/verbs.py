@@ -216,7 +216,7 @@ GROUPS: Final[dict[str, tuple[str, ...]]] = {
     ),
     "Emulated network": ("channel-out", "channel-in", "delay", "loss"),
     "Reading of files": (
-        "trace", "force-column", "position-column", "time-column", "position-scale", "start", "sampling-rate",
+        "force-column", "position-column", "time-column", "position-scale", "start", "sampling-rate",
         "missing", "max-size",
     ),
     "Study": (

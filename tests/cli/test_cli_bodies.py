@@ -1,11 +1,10 @@
-"""The scene of bodies on the command line: shown, moved along a recorded hand, and compared on."""
+"""The scene of bodies on the command line: shown, and compared on under a recorded hand."""
 
 import json
 
 import numpy as np
 import pytest
 
-from hapticnet.recordings.text import read_csv
 from tests.cli.test_cli_errors import assert_one_line
 
 HAND = ("--position-column", "x,y,z", "--position-scale", "0.001", "--start", "0.018,0,0")
@@ -26,19 +25,6 @@ def test_scene_show_lists_the_bodies(run):
     assert account["axes"] == 3
     assert [body["name"] for body in account["body"]] == ["skin", "lump"]
     assert "static_friction" not in account["body"][1]
-
-
-def test_scene_run_puts_a_recorded_hand_into_the_scene(run, hand, tmp_path):
-    out = tmp_path / "felt.csv"
-    arguments = ("scene", "run", "phantom", "--trace", hand, "--position-column", *HAND[1:], "--out", out)
-    assert run(*arguments).returncode == 0
-    table = read_csv(out)
-    first = [table[f"position_{axis}_m"][0] for axis in "xyz"]
-    assert first == pytest.approx([0.018, 0.0, 0.0])
-    assert np.ptp(table["position_y_m"]) == pytest.approx(0.024, rel=0.01)
-    assert set(table["skin_contact"]) == {0.0, 1.0}
-    assert (table["skin_depth_m"][table["skin_contact"] == 1.0] > 0.0).all()
-    assert all(np.abs(table[f"force_{axis}_n"]).max() > 0.1 for axis in "xyz")
 
 
 def test_compare_tries_codecs_on_a_recorded_hand_in_a_scene(run, hand):

@@ -112,7 +112,6 @@ def test_flags_and_files_that_cannot_be_are_refused_in_one_line(files, arguments
         ("master", "--report", "/proc"),
         ("slave", "--listen", "127.0.0.1:0", "--record-dir", "/proc/nowhere"),
         ("slave", "--listen", "127.0.0.1:0", "--report", "/proc/nowhere/x.json"),
-        ("scene", "run", "paper", "--trace", "missing.csv", "--out", "/proc/nowhere/x.csv"),
         ("demo", "--out-dir", "/proc/nowhere"),
     ],
 )

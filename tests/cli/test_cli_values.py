@@ -20,7 +20,6 @@ NEEDED = {
     ("compare",): ("hand.csv", "--position-column", "x_m", "--scene", "paper:1", "--plot-dir", "plots"),
     ("info",): ("hand.csv",),
     ("export",): ("hand.csv",),
-    ("scene", "run"): ("paper", "--trace", "hand.csv", "--position-column", "x_m"),
     ("sweep", "run"): ("study.toml", "--out-dir", "results"),
     ("sweep", "show"): ("results",),
     ("experiment", "limits"): ("--participant", "03", "--dry-run"),

@@ -5,11 +5,9 @@ import subprocess
 import sys
 
 import numpy as np
-import pytest
 
 from hapticnet.codec.registry import codec_parameters, every_codec
-from hapticnet.recordings.text import read_csv
-from tests.ready import ROOT, hapticnet
+from tests.ready import hapticnet
 
 CODECS = every_codec()
 
@@ -17,26 +15,6 @@ CODECS = every_codec()
 def test_scene_show_lists_the_tissues():
     report = json.loads(hapticnet("scene", "show", "paper:3", "--json").stdout)
     assert sorted(tissue["breach_force_n"] for tissue in report["tissue"]) == [2.0, 3.5, 5.0]
-
-
-def test_scene_run_follows_recorded_positions(tmp_path):
-    positions, out = tmp_path / "positions.csv", tmp_path / "forces.csv"
-    depth = np.concatenate([np.linspace(0, 0.075, 4000), np.linspace(0.075, 0, 2000)])
-    positions.write_text("position_m\n" + "".join(f"{value}\n" for value in depth))
-    arguments = ("scene", "run", "paper:1", "--trace", positions, "--sampling-rate", "1000")
-    printed = hapticnet(*arguments).stdout
-    assert hapticnet(*arguments, "--out", out).returncode == 0
-    assert out.read_text() == printed
-    with (tmp_path / "log").open("a") as log:
-        log.write("kept\n")
-        log.flush()
-        subprocess.run([sys.executable, "-m", "hapticnet", *map(str, arguments)], stdout=log, check=True, cwd=ROOT)
-    assert (tmp_path / "log").read_text() == "kept\n" + printed
-    table = read_csv(out)
-    assert table["breaches"][-1] == 3
-    assert table["force_n"].max() == pytest.approx(5.0, abs=0.02)
-    assert table["force_n"].min() == 0.0
-    assert set(table["tissue 2_contact"]) == {0.0, 1.0, 2.0}
 
 
 def test_version():
