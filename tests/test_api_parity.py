@@ -45,7 +45,7 @@ CASES = {
         (hn.compare, hn.load_recording),
         {**LAW, **OF_A_FILE, "traces": "force", "delay": "delay_ms"},
         {
-            "scene", "start", "json", "csv", "plot_dir", "plot_format", "signal", "window", "overwrite", "config",
+            "scene", "start", "json", "csv", "plot_dir", "plot_format", "overwrite", "config",
         },
         {"path", "t_s", "t_us"},
         {"jobs"},  # further processes would import the program

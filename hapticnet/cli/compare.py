@@ -55,13 +55,6 @@ def compare(
     csv: Annotated[Path | None, typer.Option(metavar="FILE", help="Write every figure to FILE as CSV.")] = None,
     plot_dir: Annotated[Path | None, typer.Option(metavar="DIR", help="Draw figures into DIR.")] = None,
     plot_format: Annotated[options.PlotFormat, typer.Option(help="Format of the figures.")] = "png",
-    signal: Annotated[
-        str | None,
-        typer.Option(metavar="CODEC", help="Codec whose signal is drawn over time; default: the first but raw."),
-    ] = None,
-    window: Annotated[
-        str | None, typer.Option(metavar="FROM:TO", help="Time [s] that the figure of the signal shows.")
-    ] = None,
     overwrite: options.Overwrite = False,
 ) -> None:
     """Run every codec over recordings and compare packets, bytes, errors and cost with the best possible."""
@@ -69,7 +62,7 @@ def compare(
     import os
 
     from hapticnet.channel.settings import parse_share, parse_time_us
-    from hapticnet.cli.console import Console, check_needed, check_new, check_outputs, write_text
+    from hapticnet.cli.console import Console, check_new, check_outputs, write_text
     from hapticnet.codec.registry import all_codecs, register_installed_codecs
     from hapticnet.errors import SettingsError
     from hapticnet.experiment.comparison import compare as compare_codecs
@@ -87,7 +80,6 @@ def compare(
         raise SettingsError("--force-column names a recorded force; with --scene the force is the scene's")
     if start is not None and (scene is None or not traces):
         raise SettingsError("--start moves the positions of a TRACE in a --scene; name both")
-    check_needed("--plot-dir", plot_dir, {"--signal": signal, "--window": window})
     lost = parse_share(loss)
     law = {"multiplier": _numbers(multipliers), "weber_fraction": [weber], "floor_n": [floor]}
     delay_us = parse_time_us(delay)
@@ -115,7 +107,7 @@ def compare(
     if plot_dir is not None:
         from hapticnet.experiment.comparison_figures import Figures
 
-        figures = Figures(trials, chosen, folder=plot_dir, form=plot_format, signal=signal, window=window, seed=seed)
+        figures = Figures(trials, chosen, folder=plot_dir, form=plot_format, seed=seed)
         check_outputs(*figures.files)
         check_new(*figures.files, overwrite=overwrite)
     console = Console("compare", quiet=json)

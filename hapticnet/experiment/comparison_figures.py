@@ -7,15 +7,14 @@ from typing import Any, Final
 import numpy as np
 
 from hapticnet.codec.base import Codec
-from hapticnet.errors import SettingsError
 from hapticnet.experiment.comparison import Row, codec_label, encode_trial
-from hapticnet.experiment.signal_figure import Signal, check_window, draw_signal
+from hapticnet.experiment.signal_figure import Signal, draw_signal
 from hapticnet.experiment.style import BLUE, INK, check_format, draw_codecs, finish_axes, legend, picture, pyplot
 from hapticnet.experiment.summary import HOLD_OPTIMUM, LINE_OPTIMUM, METHOD, Block, blocks, means
 from hapticnet.experiment.trials import Trial
 
 HEIGHT_IN: Final = 4.0
-SHOWN_S: Final = 4.0  # seconds of a recording in the figure of the signal: by default those with the most sent samples
+SHOWN_S: Final = 4.0  # seconds of a recording in the figure of the signal: those with the most sent samples
 ERROR: Final = "rmse_n"
 THRESHOLD: Final = "threshold [JND]"
 MOST_TICKS: Final = 8
@@ -24,10 +23,9 @@ OPTIMUM_MARKERS: Final = {HOLD_OPTIMUM: "+", LINE_OPTIMUM: "x"}  # visible at a 
 
 
 class Figures:
-    """The figures of a comparison that is still to be run, so that invalid ones can be refused before it.
+    """The figures of a comparison that is still to be run; raise SettingsError, or UnavailableError without matplotlib.
 
-    `signal`: label of the codec that is drawn over time; None: the first that is not raw. `window`: its seconds, as
-    ``FROM:TO``; None: those with the most sent samples. Raise SettingsError, or UnavailableError without matplotlib.
+    The codec whose signal is drawn over time is the first that is not raw.
     """
 
     def __init__(
@@ -37,18 +35,12 @@ class Figures:
         *,
         folder: Path,
         form: str = "png",
-        signal: str | None = None,
-        window: str | None = None,
         seed: int = 0,
     ) -> None:
         check_format(form)
         pyplot()
         self._trials, self._seed = trials, seed
-        self._codec = _chosen(codecs, signal)
-        self._window = None if window is None else _window(window)
-        if self._window is not None:
-            for trial in trials:
-                check_window(self._window, trial.name, float(trial.t_us[-1] - trial.t_us[0]) * 1e-6)
+        self._codec = next((codec for codec in codecs if codec.name != "raw"), codecs[0])
         names = ["packets-against-error", "bytes-against-error", "packets-over-optimum"]
         if all(codec.name == "raw" for codec in codecs):
             names = []  # raw has no error to use as an axis
@@ -68,7 +60,7 @@ class Figures:
         for trial, file in zip(self._trials, signals, strict=True):
             signal = codec_signal(self._codec, trial, loss=rows[0].loss, seed=self._seed)
             title = f"{trial.name}: {codec_label(self._codec)}, threshold {self._codec.law.multiplier:g} JND"
-            draw_signal(signal, file, window_s=self._window or _busiest(signal), title=title)
+            draw_signal(signal, file, window_s=_busiest(signal), title=title)
         return self.files
 
 
@@ -177,24 +169,6 @@ def _finish(figure: Any, axes: Any, shown: Sequence[Block], left_out: str) -> No
     some = ", ".join(f"{value:g}" for value in values) if len(values) <= MOST_TICKS else ends
     recordings = shown[0].trial or METHOD.format(count=shown[0].recordings)
     figure.suptitle(f"{recordings}; {THRESHOLD}: {some}{left_out}", fontsize=8)
-
-
-def _chosen(codecs: Sequence[Codec], label: str | None) -> Codec:
-    labels = [codec_label(codec) for codec in codecs]
-    if label is None:
-        return next((codec for codec in codecs if codec.name != "raw"), codecs[0])
-    if label not in labels:
-        there = ", ".join(dict.fromkeys(labels))
-        raise SettingsError(f"signal {label!r} is not a codec of this comparison; there are: {there}")
-    return codecs[labels.index(label)]
-
-
-def _window(text: str) -> tuple[float, float]:
-    try:
-        start_s, end_s = (float(part) for part in text.split(":"))
-    except ValueError:
-        raise SettingsError(f"window {text!r} must be FROM:TO in seconds from 0, such as 2.5:5") from None
-    return start_s, end_s
 
 
 def _busiest(signal: Signal) -> tuple[float, float]:

@@ -116,7 +116,7 @@ FIGURES = ("bytes-against-error", "packets-against-error", "packets-over-optimum
 
 def test_figures_are_overwritten_only_on_demand_and_the_same_each_time(traces, tmp_path):
     arguments = ("compare", traces[0], "--force-column", "fx", "--codecs", "raw;deadband;merging")
-    arguments += ("--plot-dir", tmp_path / "plots", "--signal", "merging", "--window", "0.2:0.9")
+    arguments += ("--plot-dir", tmp_path / "plots")
     assert hapticnet(*arguments).returncode == 0
     drawn = sorted((tmp_path / "plots").iterdir())
     assert [file.name for file in drawn] == [f"{name}.png" for name in FIGURES]

@@ -88,12 +88,6 @@ def test_recordings_that_cannot_be_read_are_refused_in_one_line(files, file, wor
         (("compare", "{files}/two.csv", "--force-column", "fx"), ("1 samples over no time",)),
         (("compare", "{files}/good.csv", "--force-column", "f", "--max-size", "1"), ("the limit is 1",)),
         (("compare", "--force-column", "f_n"), ("none is named",)),
-        (("compare", "--plot-dir", "{files}/plots", "--signal", "mp3"), ("'mp3'", "deadband")),
-        (("compare", "--plot-dir", "{files}/plots", "--window", "3:1"), ("from 3 to 1 s", "forward")),
-        (
-            ("compare", "--plot-dir", "{files}/plots", "--window", "100:105"),
-            ("from 100 to 105 s", "paper's scene 1 ends at 10.7"),
-        ),
         (
             ("compare", "{files}/good.csv", "--force-column", "f", "--csv", "{files}/good.csv"),
             ("good.csv", "choose another file"),

@@ -184,7 +184,7 @@ def test_a_scene_that_breaks_ends_the_session_with_one_line_on_both_sides_and_th
 
 def test_a_scene_of_ones_own_is_tried_without_a_network():
     with open("path.csv", "w") as file:
-        file.write("t_us,position_m\n0,0.001\n1000,0.004\n2000,0.006\n")
+        file.write("t_us,position_m\n0,0.001\n1000,0.004\n2000,0.006\n3000,0.007\n")
     tried = hapticnet("compare", "path.csv", "--scene", "rig.py:Fragile")
     assert tried.stderr.strip().endswith("hapticnet: Fragile.step raised ValueError: it broke (rig.py, line 14)")
     assert hapticnet("scene", "show", "rig.py:Sphere", "--json").stdout.startswith(
