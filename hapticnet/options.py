@@ -88,7 +88,7 @@ def _size(what: str) -> Option:
 
 
 Missing: TypeAlias = Literal["refuse", "drop", "hold"]
-ExportFormat: TypeAlias = Literal["csv", "mcap", "npz", "parquet"]
+ExportFormat: TypeAlias = Literal["csv", "mcap", "npz"]
 PlotFormat: TypeAlias = Literal["png", "pdf", "svg"]
 
 # Connection and keys.

@@ -80,7 +80,7 @@ def master(given: MasterOptions) -> None:
 
 app.command(short_help="Compare every codec on recordings with the best possible.")(compare.compare)
 app.command(short_help="Print what a recording holds.")(recordings.info)
-app.command(short_help="Write a recording as CSV, Parquet, NumPy or MCAP.")(recordings.export)
+app.command(short_help="Write a recording as CSV, NumPy or MCAP.")(recordings.export)
 app.command(short_help="List the codecs with their rules and parameters.")(codecs.codecs)
 app.command(short_help="Check whether this machine is fit, and say what to do.")(doctor.doctor)
 app.add_typer(scene.app, name="scene")

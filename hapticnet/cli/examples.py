@@ -59,7 +59,7 @@ EXAMPLES: Final[dict[tuple[str, ...], tuple[str, ...]]] = {
     ("export",): (
         "hapticnet export run.mcap.unfinished",
         "hapticnet export run.mcap --format csv",
-        "hapticnet export run.csv --format parquet --out table.parquet",
+        "hapticnet export run.csv --format npz --out arrays.npz",
     ),
     ("codecs",): ("hapticnet codecs", "hapticnet codecs --json"),
     ("doctor",): ("hapticnet doctor", "hapticnet doctor --device serial:auto --quick"),

@@ -62,7 +62,7 @@ def export(
     like = whole if out is None and whole != file else out
     chosen = form or ("" if like is None else like.suffix.lower().removeprefix("."))
     if chosen not in get_args(options.ExportFormat):
-        raise SettingsError("choose a format: --format csv, mcap, npz or parquet")
+        raise SettingsError("choose a format: --format csv, mcap or npz")
     target = out or whole.with_suffix(f".{chosen}")
     if target.suffix.lower() != f".{chosen}":
         raise SettingsError(f"{target}: expected a name that ends in .{chosen}")

@@ -5,7 +5,6 @@ import shutil
 from dataclasses import replace
 
 import numpy as np
-import pyarrow.parquet
 import pytest
 
 from hapticnet.errors import FileError, SettingsError
@@ -92,21 +91,10 @@ def test_export_keeps_everything(run, recording, tmp_path, suffix):
             np.testing.assert_array_equal(after.tables[name][column], values)
 
 
-def test_export_writes_parquet_with_the_configuration(run, recording, tmp_path):
-    assert run("export", recording, "--format", "parquet").returncode == 0
-    table = pyarrow.parquet.read_table(tmp_path / "run.parquet")
-    np.testing.assert_array_equal(table["held_n"].to_numpy(), read_session(recording).main["held_n"])
-    assert json.loads(table.schema.metadata[b"hapticnet"])["seed"] == ABOUT["seed"]
-    assert pyarrow.parquet.read_table(tmp_path / "run.datagrams.parquet").num_rows == 2 * TICKS
-    assert pyarrow.parquet.read_table(tmp_path / "run.events.parquet")["event"].to_pylist() == [
-        name for _, name, _ in EVENTS
-    ]
-
-
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        ((), "choose a format: --format csv, mcap, npz or parquet"),
+        ((), "choose a format: --format csv, mcap or npz"),
         (("--format", "csv", "--out", "a.npz"), "expected a name that ends in .csv"),
         (("--format", "mcap"), "is an input and would be overwritten"),
     ],

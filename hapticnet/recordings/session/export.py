@@ -8,26 +8,23 @@ from typing import Any, Final
 
 import numpy as np
 
-from hapticnet.errors import FileError, UnavailableError
+from hapticnet.errors import FileError
 from hapticnet.files import written_beside
 from hapticnet.recordings.session.archive import FORMATS
 from hapticnet.recordings.session.frames import Heading
-from hapticnet.recordings.session.session import INCOMPLETE, INTEGERS, REPORT, Session, SessionTable, Table, as_type
+from hapticnet.recordings.session.session import INCOMPLETE, INTEGERS, REPORT, Session, Table, as_type
 from hapticnet.recordings.session.sink import beside
 
 ROWS_AT_ONCE: Final = 10_000
-NEEDS_PYARROW: Final = "Parquet files need pyarrow (extra parquet): pip install pyarrow"
 
 
 def export(session: Session, path: Path) -> None:
-    """Write a recording as its suffix says; FileError if that cannot be, UnavailableError without an extra."""
-    why = {} if session.is_whole else {INCOMPLETE: "the source file was cut off or damaged"}
+    """Write a recording as its suffix says; FileError if that cannot be, UnavailableError without the extra ``record``."""
+    why = {} if session.is_whole else {INCOMPLETE: "the file that it comes from was cut off or damaged"}
     about: dict[str, Any] = {**session.about, **why}
     known = {**about, "side": session.side, "unix_offset_us": session.unix_offset_us}
     try:
-        if path.suffix.lower() == ".parquet":
-            _write_parquet(session, path, json.dumps(known, default=str))
-        elif path.suffix.lower() == ".npz":
+        if path.suffix.lower() == ".npz":
             _write_npz(session, path, json.dumps(known, default=str))
         else:
             _write(session, path, about)
@@ -39,11 +36,8 @@ def export(session: Session, path: Path) -> None:
 
 def exported_files(path: Path) -> list[Path]:
     """Return the files that `export` may write."""
-    others = {
-        ".csv": ("datagrams.csv", "events.csv", "about.json"),
-        ".parquet": ("datagrams.parquet", "events.parquet"),
-    }
-    return [path, *(beside(path, what) for what in others.get(path.suffix.lower(), ()))]
+    others = ("datagrams.csv", "events.csv", "about.json") if path.suffix.lower() == ".csv" else ()
+    return [path, *(beside(path, what) for what in others)]
 
 
 def _write(session: Session, path: Path, about: dict[str, Any]) -> None:
@@ -75,21 +69,3 @@ def _write_npz(session: Session, path: Path, known: str) -> None:
         for name, array in arrays.items():
             with archive.open(f"{name}.npy", "w", force_zip64=True) as member:
                 np.lib.format.write_array(member, array, allow_pickle=False)
-
-
-def _write_parquet(session: Session, path: Path, known: str) -> None:
-    try:
-        import pyarrow
-        import pyarrow.parquet
-    except ImportError as error:
-        raise UnavailableError(NEEDS_PYARROW) from error
-    tables: dict[Path, SessionTable | dict[str, Any]] = {}
-    for number, (name, columns) in enumerate(session.tables.items()):
-        tables[beside(path, f"{name}s.parquet") if number else path] = columns
-    if session.events:
-        t_us, names, texts = zip(*session.events, strict=True)
-        tables[beside(path, "events.parquet")] = {"t_us": t_us, "event": names, "text": texts}
-    for file, columns in tables.items():
-        table = pyarrow.table(dict(columns)).replace_schema_metadata({"hapticnet": known})
-        with written_beside(file) as stream:
-            pyarrow.parquet.write_table(table, stream)

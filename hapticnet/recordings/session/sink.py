@@ -90,7 +90,7 @@ def named(path: Path) -> Path:
 
 
 def beside(path: Path, what: str) -> Path:
-    """Return the name of a file that belongs to FILE.csv or FILE.parquet, unfinished as that is."""
+    """Return the name of a file that belongs to FILE.csv, unfinished as that is."""
     whole = named(path)
     return path.with_name(f"{whole.stem}.{what}{path.name.removeprefix(whole.name)}")
 
