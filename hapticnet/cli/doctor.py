@@ -13,7 +13,6 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from hapticnet.runtime.doctor import Finding, Step
-    from hapticnet.runtime.serial_port import SerialSpec
 
 NARROWEST: Final = 40
 WIDEST: Final = 100
@@ -22,49 +21,36 @@ WIDEST: Final = 100
 INDENT: Final = 14
 """Column of titles, and of the text below them."""
 
-COLOURS: Final = {"ok": "green", "warning": "bold yellow", "problem": "bold red", "not present": "dim"}
+COLOURS: Final = {"ok": "green", "warning": "bold yellow", "problem": "bold red"}
 
 SUBJECTS: Final = {
     "timing": "Timer and scheduling",
     "processor": "Processor",
     "network": "Network",
-    "serial": "Fingertip device on a serial port",
-    "simulator": "Simulated device",
     "measured": "Measured for 3 s: a slave and a master at 1 kHz on loopback",
 }
 """Heading of each subject."""
 
 
 def doctor(
-    device: Annotated[
-        str | None,
-        typer.Option(
-            metavar="DEVICE",
-            help="Fingertip device that will be used: serial:auto, serial:PATH, simavr or sim. It is a problem if it is"
-            " missing.",
-        ),
-    ] = None,
     quick: Annotated[bool, typer.Option(help="Leave out the 3 s of measuring.")] = False,
     json: options.Json = False,
 ) -> None:
     """Say whether this machine can run a slave and a master, and what to do if it cannot.
 
-    Looks at timer, scheduling, CPUs, socket buffers and serial ports. Measures round trip and ticks with a slave and a
-    master on loopback for 3 s.
+    Looks at timer, scheduling, CPUs and socket buffers. Measures round trip and ticks with a slave and a master on
+    loopback for 3 s.
 
-    Changes nothing on this machine, and opens no serial port. Each finding is ok, a warning (it works, but worse than
-    it could), a problem (it will not work), or not present (needed for one use only).
+    Changes nothing on this machine. Each finding is ok, a warning (it works, but worse than it could) or a problem (it
+    will not work).
 
     Exit code: 0 if there is no problem, 1 if there is one, 2 if the options are wrong.
     """
     from hapticnet.cli.console import Console, deliver
     from hapticnet.runtime.doctor import Machine, Verdict, as_json, examine, examine_trial, probes
 
-    serial = _serial(device)
-    simavr = device is not None and device.startswith("simavr")
     console = Console("doctor")
-    looked = probes(Machine(), serial=serial, simavr=simavr)
-    findings = list(examine(looked, lambda subject: console.status(f"looking at {subject}")))
+    findings = list(examine(probes(Machine()), lambda subject: console.status(f"looking at {subject}")))
     if not quick:
         console.status("measuring for 3 s")
         findings += examine_trial()
@@ -75,17 +61,6 @@ def doctor(
         print_page(findings, measured=not quick)
     if any(finding.verdict is Verdict.PROBLEM for finding in findings):
         raise typer.Exit(1)
-
-
-def _serial(device: str | None) -> "SerialSpec | None":
-    """Return the serial device in --device; None if it is not serial."""
-    from hapticnet.runtime.devices import check_device
-    from hapticnet.runtime.serial_port import parse_serial
-
-    if device is None:
-        return None
-    check_device(device)
-    return parse_serial(device) if device.startswith("serial") else None
 
 
 def print_page(findings: "Sequence[Finding]", *, measured: bool) -> None:

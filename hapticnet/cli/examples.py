@@ -62,7 +62,7 @@ EXAMPLES: Final[dict[tuple[str, ...], tuple[str, ...]]] = {
         "hapticnet export run.csv --format npz --out arrays.npz",
     ),
     ("codecs",): ("hapticnet codecs", "hapticnet codecs --json"),
-    ("doctor",): ("hapticnet doctor", "hapticnet doctor --device serial:auto --quick"),
+    ("doctor",): ("hapticnet doctor", "hapticnet doctor --quick"),
     ("experiment", "limits"): (
         "hapticnet experiment limits --participant 03 --device serial:auto --profile device.toml",
         "hapticnet experiment limits --participant 03 --simulate literature --out-dir rehearsal",

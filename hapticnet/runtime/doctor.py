@@ -1,7 +1,6 @@
 """The checks of ``hapticnet doctor``: whether this machine can run a slave and a master, and remedies if not."""
 
 import asyncio
-import grp
 import json
 import os
 import resource
@@ -18,25 +17,16 @@ from pathlib import Path
 from typing import Any, Final, NamedTuple, TypeAlias
 
 from hapticnet.errors import HapticnetError, UnavailableError
-from hapticnet.runtime.nano import simavr_build
 from hapticnet.runtime.overload import LARGEST_MISSED_SHARE
 from hapticnet.runtime.processes import Child
-from hapticnet.runtime.serial_port import FoundPort, SerialSpec, find_ports
 from hapticnet.runtime.system import FIFO_PRIORITY, loop_factory, policy
 from hapticnet.runtime.timer import Alarm
 from hapticnet.runtime.udp import RECEIVE_BUFFER_BYTES
 
-SCHEMA: Final = 2  # version of the JSON report. It grows when a key or a verdict changes meaning or is removed
-MOST_BYTES: Final = 256 * 1024  # most bytes of a file that are read
+SCHEMA: Final = 3  # version of the JSON report. It grows when a key or a verdict changes its meaning or goes away
+MOST_BYTES: Final = 256 * 1024  # of a file that is read
 ENOUGH_CPUS: Final = 1.0
-FEWEST_CPUS: Final = 0.25  # CPUs of a control group: a master takes 0.07, and three times that while it starts
-GRABBERS: Final = {  # programs that grab serial ports, their effect, and how to stop them
-    "brltty": ("It takes USB adapters for Braille displays, and their ports disappear.", "sudo apt-get remove brltty"),
-    "ModemManager": (
-        "It looks for modems on serial ports, and writes to them.",
-        "sudo systemctl disable --now ModemManager",
-    ),
-}
+FEWEST_CPUS: Final = 0.25  # of a control group: a master takes 0.07, and three times that while it starts
 
 TRIAL_S: Final = 3.0
 # A quarter of a tick, and a whole one, at the 99th percentile. On two shared cores (bench/measure/real_time.py) it is
@@ -53,7 +43,6 @@ class Verdict(StrEnum):
     OK = "ok"
     WARNING = "warning"
     PROBLEM = "problem"
-    ABSENT = "not present"
 
 
 class Step(NamedTuple):
@@ -119,9 +108,8 @@ def duration(seconds: float) -> str:
 class Machine:
     """A machine, or a folder that imitates one. It is never changed."""
 
-    root: Path = Path("/")  # holds proc, sys, dev and so on
+    root: Path = Path("/")  # holds proc, sys and so on
     environ: Mapping[str, str] = field(default_factory=lambda: dict(os.environ))
-    access: Callable[[Path, int], bool] = os.access
 
     def path(self, path: str) -> Path:
         """Return the location of an absolute path on this machine."""
@@ -135,10 +123,6 @@ class Machine:
         except (OSError, ValueError):
             return ""
 
-    def texts(self, pattern: str) -> list[str]:
-        """Return the texts of the files whose absolute path matches a pattern."""
-        return [self.text(f"/{path.relative_to(self.root)}") for path in self.root.glob(pattern.lstrip("/"))]
-
     @property
     def container(self) -> bool:
         """Whether there is evidence that this process runs in a container."""
@@ -146,20 +130,17 @@ class Machine:
         return marks or bool({"container", "KUBERNETES_SERVICE_HOST"} & set(self.environ))
 
 
-FIND: Final = Step("Plug it in, and list the ports:", "hapticnet device find")
-Probe: TypeAlias = tuple[str, Callable[[], list[Finding]]]  # a subject and its probes
+Probe: TypeAlias = tuple[str, Callable[[], list[Finding]]]  # a subject, and what examines it
 
 
-def probes(machine: Machine, *, serial: SerialSpec | None = None, simavr: bool = False) -> list[Probe]:
-    """Return the probes in the order of the report; `serial` and `simavr` are devices that will be used."""
+def probes(machine: Machine) -> list[Probe]:
+    """Return the probes in the order of the report."""
     limits = resource.getrlimit(resource.RLIMIT_RTPRIO)
-    found: list[Probe] = [
+    return [
         ("timing", lambda: [judge_timer(), judge_scheduling(machine, try_fifo(), limits)]),
         ("processor", lambda: [_cpus(), judge_limit(machine)]),
         ("network", lambda: [judge_buffer(granted_bytes(), on_host=machine.container)]),
-        ("serial", lambda: judge_ports(machine, find_ports(), serial)),
     ]
-    return [*found, ("simulator", lambda: [judge_simulator()])] if simavr else found
 
 
 def examine(chosen: Sequence[Probe], on_start: Callable[[str], None] = lambda _: None) -> Iterator[Finding]:
@@ -293,77 +274,6 @@ def judge_buffer(granted: int, *, on_host: bool = False) -> Finding:
         Step("And for good:", f"echo {setting} | sudo tee /etc/sysctl.d/90-hapticnet.conf"),
     )
     return Finding(*named, Verdict.WARNING, value, meaning, steps)
-
-
-def judge_ports(machine: Machine, ports: Sequence[FoundPort], wanted: SerialSpec | None = None) -> list[Finding]:
-    """Judge the wanted or likely ports, and programs that grab ports. No port is opened."""
-    likely = [port for port in ports if port.likely]
-    path = None if wanted is None else wanted.path
-    if path is not None:
-        # A port that is not listed, such as a pseudo-terminal, may still exist.
-        names = [port.name for port in ports if path in (port.path, port.name)] or [path]
-    else:
-        names = [port.name for port in likely]
-    running = set(machine.texts("/proc/[0-9]*/comm"))
-    return [
-        _judge_choice(machine, ports, likely, wanted),
-        *(_judge_access(machine, name) for name in names),
-        *(
-            Finding(f"serial.grabber:{name}", name, Verdict.WARNING, "is running", deed, (Step("Stop it:", command),))
-            for name, (deed, command) in GRABBERS.items()
-            if name in running
-        ),
-    ]
-
-
-def _judge_choice(
-    machine: Machine, ports: Sequence[FoundPort], likely: Sequence[FoundPort], wanted: SerialSpec | None
-) -> Finding:
-    named = "serial.device", "Device"
-    if wanted is not None and wanted.path is not None:
-        return Finding(*named, Verdict.OK, f"{wanted}, as asked for")
-    if len(likely) == 1:
-        return Finding(*named, Verdict.OK, f"{likely[0].path} ({likely[0].likely})")
-    if likely:
-        verdict = Verdict.WARNING if wanted is None else Verdict.PROBLEM
-        steps = tuple(Step("Name one:", f"hapticnet master --device serial:{port.path} …") for port in likely)
-        return Finding(*named, verdict, f"{len(likely)} ports may be the device", "serial:auto cannot choose.", steps)
-    verdict = Verdict.ABSENT if wanted is None else Verdict.PROBLEM
-    other = Step("To do without one: --device sim")
-    if machine.container:
-        other = Step("Pass it on to the container:", "docker run --device /dev/ttyUSB0 …")
-    value = "no serial port looks like an Arduino Nano" if ports else "no serial port"
-    return Finding(*named, verdict, value, "", (FIND, other))
-
-
-def _judge_access(machine: Machine, name: str) -> Finding:
-    file, named = machine.path(name), (f"serial.access:{name}", f"Port {Path(name).name}")
-    try:
-        gid = file.stat().st_gid
-    except OSError as error:
-        return Finding(*named, Verdict.PROBLEM, error.strerror or str(error), "", (FIND,))
-    if machine.access(file, os.R_OK | os.W_OK):
-        return Finding(*named, Verdict.OK, "may be read and written")
-    try:
-        group = grp.getgrgid(gid).gr_name
-    except KeyError:
-        group = str(gid)
-    step = Step(f"Join the group {group}, then log out and in again:", f"sudo usermod -aG {group} $USER")
-    if machine.container:
-        command = f"docker run --device {name} --group-add {gid} …"
-        step = Step("Start the container with its device and group:", command)
-    value = f"permission denied; the port belongs to the group {group}"
-    return Finding(*named, Verdict.PROBLEM, value, "hapticnet cannot reach the device.", (step,))
-
-
-def judge_simulator() -> Finding:
-    """Judge whether the firmware and its simulator are built."""
-    named = "simulator.simulator", "Simulated device"
-    try:
-        simavr_build()
-    except UnavailableError as error:
-        return Finding(*named, Verdict.PROBLEM, str(error), "", (Step("In a checkout, build it:", "make simulator"),))
-    return Finding(*named, Verdict.OK, "built")
 
 
 def examine_trial() -> list[Finding]:

@@ -23,8 +23,7 @@ FINDINGS = [
     finding("timing.timer", Verdict.OK, "fine, " + "and a long explanation of why " * 3, scale="good: up to 1 µs"),
     finding("timing.clock", Verdict.WARNING, "slow", "It is slow.", Step("Change it:", COMMAND)),
     finding("timing.budget", Verdict.WARNING, "low", "It is low.", Step("Change it:", COMMAND)),
-    finding("serial.port", Verdict.PROBLEM, "denied", "", Step("Join " + "the group " * 9)),
-    finding("simulator.simulator", Verdict.ABSENT, "not built"),
+    finding("network.port", Verdict.PROBLEM, "denied", "", Step("Join " + "the group " * 9)),
 ]
 
 
@@ -38,7 +37,7 @@ def test_every_verdict_is_a_word_every_subject_has_a_heading_and_every_command_i
     page = printed(capsys, monkeypatch)
     assert all(f"  {verdict.value} " in page for verdict in Verdict)
     assert set(COLOURS) == set(Verdict)
-    assert {*(subject for subject, _ in probes(Machine(), simavr=True)), "measured"} == set(SUBJECTS)
+    assert {*(subject for subject, _ in probes(Machine())), "measured"} == set(SUBJECTS)
     assert page.count(COMMAND) == 1  # the second finding says the same
     assert "\x1b" not in page
 
@@ -55,7 +54,7 @@ def test_the_page_keeps_to_the_width_of_the_terminal_but_for_commands(capsys, mo
     [
         (FINDINGS, "This machine is not ready. First fix: Port."),
         (FINDINGS[:3], "This machine can run hapticnet; the warnings above say what would help."),
-        (FINDINGS[:1], "This machine can run hapticnet.\n1 ok, 0 warnings, 0 problems, 0 not present."),
+        (FINDINGS[:1], "This machine can run hapticnet.\n1 ok, 0 warnings, 0 problems."),
     ],
 )
 def test_the_page_ends_with_the_answer(capsys, monkeypatch, findings, answer):
@@ -82,12 +81,6 @@ def test_a_real_check_up_measures_and_reports_in_the_documented_form(tmp_path):
     assert found["measured.round_trip"]["value"].startswith("p50 ")
     assert found["timing.timer"]["value"].startswith("timerfd, ")
     assert list(tmp_path.iterdir()) == []
-
-
-def test_a_device_that_is_asked_for_and_missing_is_a_problem():
-    done = hapticnet("doctor", "--quick", "--device", "serial:/dev/nowhere")
-    assert done.returncode == 1
-    assert "First fix: " in done.stdout
 
 
 @pytest.mark.parametrize("closed", [">&-", "<&- >&- 2>&-"])

@@ -1,6 +1,5 @@
-"""What the doctor says of a machine, on folders that stand for /proc, /sys and /dev; and of a trial, by its report."""
+"""What the doctor says of a machine, on folders that stand for /proc and /sys; and of a trial, by its report."""
 
-import grp
 import json
 import os
 import socket
@@ -23,34 +22,26 @@ from hapticnet.runtime.doctor import (
     judge_buffer,
     judge_cpus,
     judge_limit,
-    judge_ports,
     judge_scheduling,
-    judge_simulator,
     judge_trial,
     run_trial,
     try_fifo,
 )
-from hapticnet.runtime.nano import BUILD_VARIABLE
-from hapticnet.runtime.serial_port import FoundPort, find_ports, parse_serial
 from hapticnet.runtime.udp import RECEIVE_BUFFER_BYTES, listen, parse_host_port
 
-OK, WARNING, PROBLEM, ABSENT = Verdict.OK, Verdict.WARNING, Verdict.PROBLEM, Verdict.ABSENT
+OK, WARNING, PROBLEM = Verdict.OK, Verdict.WARNING, Verdict.PROBLEM
 FINE = Finding("timing.timer", "Timer", OK, "fine")
-AUTO = parse_serial("serial:auto")
 
 
 @pytest.fixture
 def machine(tmp_path):
-    """Return a maker of machines with two serial ports and the given files."""
-    (tmp_path / "dev").mkdir()
-    for number in range(2):
-        (tmp_path / f"dev/ttyUSB{number}").touch()
+    """Return a maker of machines with the given files."""
 
-    def make(files=(), *, accessible=True, **environ):
+    def make(files=(), **environ):
         for path, text in dict(files).items():
             (tmp_path / path).parent.mkdir(parents=True, exist_ok=True)
             (tmp_path / path).write_text(text)
-        return Machine(root=tmp_path, environ=environ, access=lambda *_: accessible)
+        return Machine(root=tmp_path, environ=environ)
 
     return make
 
@@ -64,22 +55,22 @@ def test_a_probe_that_fails_becomes_a_finding_and_the_others_go_on():
         raise OSError("no such thing")
 
     announced = []
-    failed, fine = examine([("serial", fails), ("network", lambda: [FINE])], announced.append)
-    assert (failed.verdict, failed.subject) == (WARNING, "serial")
+    failed, fine = examine([("processor", fails), ("network", lambda: [FINE])], announced.append)
+    assert (failed.verdict, failed.subject) == (WARNING, "processor")
     assert failed.value == "could not be completed: no such thing"
     assert fine is FINE
-    assert announced == ["serial", "network"]
+    assert announced == ["processor", "network"]
 
 
 def test_the_report_for_programs_keeps_its_form():
     steps = (Step("Wait."), Step("Or:", "true"))
     slow = Finding("timing.clock", "Clock", WARNING, "so so", "Slow.", steps, "good: 1")
-    report = json.loads(json.dumps(as_json([FINE, slow, FINE._replace(verdict=ABSENT)])))
-    assert SCHEMA == 2
+    report = json.loads(json.dumps(as_json([FINE, slow])))
+    assert SCHEMA == 3
     assert {key: report[key] for key in ("schema", "ready", "counts")} == {
-        "schema": 2,
+        "schema": 3,
         "ready": True,
-        "counts": {"ok": 1, "warning": 1, "problem": 0, "not present": 1},
+        "counts": {"ok": 1, "warning": 1, "problem": 0},
     }
     assert report["findings"][1] == {
         "id": "timing.clock",
@@ -101,11 +92,9 @@ def test_grades_and_units():
 
 @pytest.mark.parametrize("text", [None, "", "nonsense", "\xff\x00", "1 2 3", "0::/\n", "x" * 1_000_000])
 def test_files_that_are_missing_or_odd_are_no_error(machine, text):
-    names = "proc/self/cgroup", "sys/fs/cgroup/cpu.max", "proc/1/comm"
+    names = "proc/self/cgroup", "sys/fs/cgroup/cpu.max"
     odd = machine({} if text is None else dict.fromkeys(names, text))
-    for finding in (judge_limit(odd), *judge_ports(odd, [])):
-        assert isinstance(finding.verdict, Verdict)
-        assert finding.value
+    assert judge_limit(odd).value
     assert len(odd.text("/proc/self/cgroup")) < 300_000
 
 
@@ -185,75 +174,6 @@ def test_the_receive_buffer_that_is_tested_is_the_one_that_a_slave_asks_for(monk
     listen(parse_host_port("127.0.0.1:0", lowest_port=0)).close()
     sizes = [value for option, value in asked if option == socket.SO_RCVBUF]
     assert sizes == [RECEIVE_BUFFER_BYTES, RECEIVE_BUFFER_BYTES]
-
-
-def test_a_missing_simulator_comes_with_the_command_that_builds_it(monkeypatch, tmp_path):
-    monkeypatch.setenv(BUILD_VARIABLE, str(tmp_path))
-    assert (judge_simulator().verdict, commands(judge_simulator())) == (PROBLEM, ["make simulator"])
-
-
-def port(number=0, likely="FTDI chip"):
-    path = f"/dev/serial/by-id/nano-{number}"
-    return FoundPort(path=path, name=f"/dev/ttyUSB{number}", description="", serial_number=None, likely=likely)
-
-
-def serial_findings(*arguments):
-    return {finding.id.partition(".")[2]: finding for finding in judge_ports(*arguments)}
-
-
-def test_no_port_is_a_problem_only_for_who_asks_for_one(machine):
-    assert [each.verdict for each in judge_ports(machine(), [])] == [ABSENT]
-    assert [each.verdict for each in judge_ports(machine(), [], AUTO)] == [PROBLEM]
-    (finding,) = judge_ports(machine(), [port(likely=None)])
-    assert (finding.verdict, finding.value) == (ABSENT, "no serial port looks like an Arduino Nano")
-
-
-def test_a_port_that_may_be_used_is_fine(machine):
-    found = serial_findings(machine(), [port()])
-    assert found["device"].value == "/dev/serial/by-id/nano-0 (FTDI chip)"
-    assert {each.verdict for each in found.values()} == {OK}
-
-
-def test_two_likely_ports_must_be_told_apart(machine):
-    found = serial_findings(machine(), [port(0), port(1)])
-    assert found["device"].verdict is WARNING
-    assert commands(found["device"])[0] == "hapticnet master --device serial:/dev/serial/by-id/nano-0 …"
-    assert serial_findings(machine(), [port(0), port(1)], AUTO)["device"].verdict is PROBLEM
-    assert {"access:/dev/ttyUSB0", "access:/dev/ttyUSB1"} < set(found)
-
-
-def test_a_named_port_is_found_by_its_path_or_its_link(machine):
-    missing = serial_findings(machine(), [port()], parse_serial("serial:/dev/ttyACM9"))
-    assert missing["access:/dev/ttyACM9"].verdict is PROBLEM
-    assert missing["access:/dev/ttyACM9"].value == "No such file or directory"
-    assert "access:/dev/ttyUSB0" not in missing
-    linked = parse_serial("serial:/dev/serial/by-id/nano-1")
-    assert "access:/dev/ttyUSB1" in serial_findings(machine(), [port(0), port(1)], linked)
-
-
-def test_denied_permission_names_the_group_to_join_or_what_gives_a_container_the_port(machine):
-    denied = serial_findings(machine(accessible=False), [port()])["access:/dev/ttyUSB0"]
-    group = grp.getgrgid((machine().root / "dev/ttyUSB0").stat().st_gid).gr_name
-    assert (denied.verdict, commands(denied)) == (PROBLEM, [f"sudo usermod -aG {group} $USER"])
-    contained = serial_findings(machine(accessible=False, container="docker"), [port()])["access:/dev/ttyUSB0"]
-    assert commands(contained)[0].startswith("docker run --device /dev/ttyUSB0 --group-add ")
-
-
-def test_programs_that_take_ports_are_named(machine):
-    found = serial_findings(machine({"proc/1/comm": "brltty\n", "proc/2/comm": "ModemManager\n"}), [])
-    assert commands(found["grabber:brltty"]) == ["sudo apt-get remove brltty"]
-    assert found["grabber:ModemManager"].verdict is WARNING
-
-
-def test_no_port_is_opened(machine, monkeypatch):
-    opened = []
-    monkeypatch.setattr("serial.Serial", lambda *arguments, **_: opened.append(arguments))
-    fifo = machine().root / "dev/ttyUSB0"
-    fifo.unlink()
-    os.mkfifo(fifo)  # to open it would block
-    assert serial_findings(machine(), [port()])["access:/dev/ttyUSB0"].verdict is OK
-    assert judge_ports(Machine(), find_ports())
-    assert not opened
 
 
 def report(round_trip_us=370.0, late_us=120.0, missed=1, scheduling="SCHED_FIFO 10"):
