@@ -10,6 +10,7 @@ from hapticnet import options
 if TYPE_CHECKING:
     from collections.abc import Callable
 
+    from hapticnet.device.base import Reading
     from hapticnet.device.wired import WiredDevice
     from hapticnet.runtime.serial_port import SerialSpec
 
@@ -83,34 +84,24 @@ def monitor(
     profile: Annotated[
         Path | None, typer.Option(metavar="FILE", help="Profile with the device's calibration. Default: a typical one.")
     ] = None,
-    csv: Annotated[Path | None, typer.Option(metavar="FILE", help="Write every reading to FILE as CSV.")] = None,
     json: options.Json = False,
 ) -> None:
-    """Show live force, counts and displacement of a device that stays retracted, then a summary."""
-    from hapticnet.cli.console import Console, check_outputs, deliver
-    from hapticnet.device.base import Reading
+    """Show live force and counts of a device that stays retracted; at the end the last ones, and what the line did."""
+    from hapticnet.cli.console import Console, deliver
     from hapticnet.device.wired import WiredDevice
-    from hapticnet.recordings.text import write_csv
     from hapticnet.runtime import devices
     from hapticnet.runtime.serial_port import parse_serial
 
     spec = parse_serial(device)
     known = devices.load(profile)
-    check_outputs(csv, inputs=[profile])
     wired = WiredDevice(known.table)
     console = Console("monitor", real_time=True)
-    summary = Summary()
-    rows: list[Reading] = []
     last: Reading | None = None
     shown_us = 0
 
     def tick(now_us: int) -> bool:
         nonlocal last, shown_us
         reading = wired.exchange(0.0, now_us)
-        if reading is not None and reading is not last:
-            summary.add(reading.force_n, reading.adc, reading.t_us)
-            if csv is not None:
-                rows.append(reading)
         if (reading is None) != (last is None):
             console.say("receiving readings" if reading else f"no readings: {wired.status}")
         last = reading
@@ -126,11 +117,14 @@ def monitor(
     console.say(f"opening {spec}" + ("; not calibrated, forces are rough" if known.is_generic else ""))
     run_wired(wired, spec, tick, duration_s=duration)
     console.finish()
-    if csv is not None:
-        columns = zip(*rows, strict=True) if rows else [()] * len(Reading._fields)
-        write_csv(csv, dict(zip(Reading._fields, map(list, columns), strict=True)))
     deliver(
-        {"device": str(spec), "calibrated": not known.is_generic, **summary.report(), "line": wired.report()},
+        {
+            "device": str(spec),
+            "calibrated": not known.is_generic,
+            "force_n": last.force_n if last else None,
+            "counts": last.adc if last else None,
+            "line": wired.report(),
+        },
         as_json=json,
         file=None,
     )
@@ -177,38 +171,6 @@ def sim(
         run(run_nano_pty(nano, duration_s=duration, on_status=on_status))
     console.finish()
     console.say(f"ended; {board.resets} resets, {nano.lost_us // 1000} ms skipped after stalls")
-
-
-class Summary:
-    """Running mean and standard deviation of readings, in constant memory."""
-
-    def __init__(self) -> None:
-        self.readings = 0
-        self._mean_n = self._squares = self._mean_counts = 0.0
-        self._first_us = self._last_us = 0
-
-    def add(self, force_n: float, adc: float, t_us: int) -> None:
-        """Add a reading."""
-        if not self.readings:
-            self._first_us = t_us
-        self._last_us = t_us
-        self.readings += 1
-        # Welford's recurrence, which is numerically stable.
-        above_n = force_n - self._mean_n
-        self._mean_n += above_n / self.readings
-        self._squares += above_n * (force_n - self._mean_n)
-        self._mean_counts += (adc - self._mean_counts) / self.readings
-
-    def report(self) -> dict[str, object]:
-        """Return the statistics; None where there are too few readings."""
-        seconds = (self._last_us - self._first_us) * 1e-6
-        return {
-            "readings": self.readings,
-            "readings_per_s": (self.readings - 1) / seconds if seconds > 0.0 else None,
-            "mean_n": self._mean_n if self.readings else None,
-            "deviation_n": (self._squares / (self.readings - 1)) ** 0.5 if self.readings > 1 else None,
-            "mean_counts": self._mean_counts if self.readings else None,
-        }
 
 
 def run_wired(
