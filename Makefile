@@ -118,7 +118,6 @@ LOCK := $(BIN)/uv pip compile -q --upgrade --generate-hashes --python-version 3.
 lock: $(BIN)/python
 	@$(BIN)/pip install -q --disable-pip-version-check uv
 	echo hatchling | $(LOCK) pyproject.toml - --extra metrics --extra record --extra web --extra fast -o docker/locks/service.txt
-	echo hatchling | $(LOCK) pyproject.toml - --extra cluster --extra sweep -o docker/locks/sweep.txt
 
 simulator: system-packages
 	$(MAKE) -C firmware firmware sim

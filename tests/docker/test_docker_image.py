@@ -4,25 +4,23 @@ import re
 import tomllib
 from pathlib import Path
 
-import pytest
 import yaml
 
 ROOT = Path(__file__).parents[2]
 DOCKERFILE = (ROOT / "docker" / "Dockerfile").read_text()
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
 EXTRAS = PROJECT["optional-dependencies"]
-LOCKS = {"service": ["metrics", "record", "web", "fast"], "sweep": ["cluster", "sweep"]}
+SERVICE = ["metrics", "record", "web", "fast"]
 
 
 def name_of(requirement):
     return re.match(r"[A-Za-z0-9_.-]+", requirement)[0].lower().replace("_", "-")
 
 
-@pytest.mark.parametrize("lock", LOCKS)
-def test_a_lock_has_each_dependency_of_its_extras_with_hashes_and_names_no_registry(lock):
-    text = (ROOT / "docker" / "locks" / f"{lock}.txt").read_text()
+def test_the_lock_has_each_dependency_of_its_extras_with_hashes_and_names_no_registry():
+    text = (ROOT / "docker" / "locks" / "service.txt").read_text()
     pinned = dict(re.findall(r"^([a-z0-9.-]+)==(\S+)", text, re.MULTILINE))
-    needed = [*PROJECT["dependencies"], *(each for extra in LOCKS[lock] for each in EXTRAS[extra]), "hatchling"]
+    needed = [*PROJECT["dependencies"], *(each for extra in SERVICE for each in EXTRAS[extra]), "hatchling"]
     assert {name_of(each) for each in needed} <= pinned.keys()
     assert len(re.findall(r"^\S+==\S+.*\\\n    --hash=sha256:", text, re.MULTILINE)) == len(pinned)
     assert "://" not in text
@@ -30,7 +28,7 @@ def test_a_lock_has_each_dependency_of_its_extras_with_hashes_and_names_no_regis
 
 
 def test_the_image_has_the_extras_of_a_service_and_takes_nothing_that_is_not_locked():
-    assert f"ARG EXTRAS={','.join(LOCKS['service'])}\n" in DOCKERFILE
+    assert f"ARG EXTRAS={','.join(SERVICE)}\n" in DOCKERFILE
     assert DOCKERFILE.index("ARG BASE=") < DOCKERFILE.index("FROM ${BASE}")
     installs = re.findall(r"pip install .*", DOCKERFILE)
     assert len(installs) == 2
@@ -52,8 +50,3 @@ def test_real_time_scheduling_needs_no_capability():
     services = yaml.safe_load((ROOT / "docker" / "compose.realtime.yaml").read_text())["services"]
     assert services.keys() == yaml.safe_load((ROOT / "docker" / "compose.yaml").read_text())["services"].keys()
     assert all(service == {"ulimits": {"rtprio": 10}} for service in services.values())
-
-
-def test_the_sweep_is_built_with_its_own_lock():
-    build = yaml.safe_load((ROOT / "docker" / "compose.sweep.yaml").read_text())["x-hapticnet"]["build"]["args"]
-    assert build["EXTRAS"].split(",") == LOCKS[build["LOCK"]]
