@@ -113,7 +113,7 @@ def file_errors(path: Path) -> Iterator[None]:
         raise
     except MemoryError as error:
         raise FileError(f"{path}: too large for the memory of this machine") from error
-    except Exception as error:  # SciPy, pyarrow and NumPy raise many kinds of errors for damaged files
+    except Exception as error:  # SciPy and NumPy raise many kinds for damaged files
         known = isinstance(error, OSError) and error.strerror
         reason = known or f"damaged, or not the kind of file it seems: {' '.join(str(error).split())[:200]}"
         raise FileError(f"{path}: {reason}") from error

@@ -20,7 +20,7 @@ def compare(
     traces: Annotated[
         list[Path] | None,
         typer.Argument(
-            metavar="TRACE", help="Recordings: .csv, .tsv, .npy, .npz, .mat or .parquet; default: the paper's scene."
+            metavar="TRACE", help="Recordings: .csv, .tsv, .npy, .npz, .mat or .mcap; default: the paper's scene."
         ),
     ] = None,
     scene: Annotated[

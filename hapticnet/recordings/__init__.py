@@ -1,1 +1,1 @@
-"""Recordings from CSV, NumPy, MATLAB and Parquet files: columns, units, times and plausibility."""
+"""Recordings from CSV, NumPy and MATLAB files: columns, units, times and plausibility."""

@@ -1,4 +1,4 @@
-"""Arrays from NumPy, MATLAB and Parquet files as columns."""
+"""Arrays from NumPy and MATLAB files as columns."""
 
 import zipfile
 import zlib
@@ -172,33 +172,6 @@ def _unpacked_mat(path: Path, most: int) -> int:
                 total += len(unpacker.decompress(packed, _PIECE_BYTES))
                 packed = unpacker.unconsumed_tail
     return total
-
-
-def open_parquet(path: Path, max_bytes: int) -> ArraySource:
-    """Return the columns of a Parquet file."""
-    try:
-        import pyarrow.parquet
-    except ImportError as error:
-        raise UnavailableError(
-            f"{path}: reading Parquet files needs pyarrow (extra parquet): pip install pyarrow"
-        ) from error
-    with pyarrow.parquet.ParquetFile(path) as file:
-        rows, schema = file.metadata.num_rows, file.schema_arrow
-    names = schema.names
-    if len(set(names)) < len(names):
-        raise FileError(f"{path}: several columns have the same name; there are {', '.join(names)}")
-
-    def read(wanted: Sequence[str]) -> list[npt.NDArray[Any]]:
-        for name in wanted:
-            kind = schema.field(name).type
-            if not pyarrow.types.is_primitive(kind):  # each value may have any size
-                raise FileError(f'{path}, column "{name}": holds {kind}; expected real numbers')
-        if 8 * rows * len(wanted) > max_bytes:
-            raise FileError(f"{path}: unpacks to {8 * rows * len(wanted)} bytes; the limit is {max_bytes}")
-        table = pyarrow.parquet.read_table(path, columns=list(wanted), partitioning=None)
-        return [table.column(name).to_numpy() for name in wanted]
-
-    return ArraySource(path, names, read, rows)
 
 
 def _named(path: Path, arrays: Arrays) -> ArraySource:

@@ -78,7 +78,7 @@ def load_recording(
     missing: Missing = "refuse",
     max_bytes: int = MAX_BYTES,
 ) -> Recording:
-    """Read a force, and its positions if there are any, from a CSV, TSV, .npy, .npz, .mat or .parquet file.
+    """Read a force, and its positions if there are any, from a CSV, TSV, .npy, .npz or .mat file.
 
     Times come from the column `time`, or else from one called t, time or timestamp, with or without a unit (``t_us``,
     ``time [ms]``), as numbers or as dates and times in ISO 8601; without such a column, from `rate_hz`. Units in names

@@ -7,14 +7,14 @@ from typing import Final, TypeAlias
 
 from hapticnet.errors import FileError
 from hapticnet.files import check_readable, file_errors
-from hapticnet.recordings.arrays import ArraySource, open_mat, open_npy, open_npz, open_parquet
+from hapticnet.recordings.arrays import ArraySource, open_mat, open_npy, open_npz
 from hapticnet.recordings.session.reading import check_main, csv_events, read_session
 from hapticnet.recordings.session.session import change_notes
 from hapticnet.recordings.session.sink import beside
 from hapticnet.recordings.text import TextSource
 
 Source: TypeAlias = ArraySource | TextSource  # a file's columns
-_READABLE: Final = "CSV, TSV, .npy, .npz, .mat, hapticnet's own .mcap and .parquet can be read"
+_READABLE: Final = "CSV, TSV, .npy, .npz, .mat, and hapticnet's own .mcap can be read"
 
 
 def open_session(path: Path, max_bytes: int) -> ArraySource:
@@ -38,7 +38,6 @@ _READERS: Final[dict[str, Callable[[Path, int], Source]]] = {
     "a NumPy array": open_npy,
     "a NumPy archive": open_npz,
     "a MATLAB file": open_mat,
-    "a Parquet file": open_parquet,
     "an MCAP file": open_session,
     "a recording": open_session,
     "a text table": open_text,
@@ -48,13 +47,13 @@ _COMPRESSED: Final = (b"\x1f\x8b", b"BZh", b"\xfd7zXZ\0", b"\x28\xb5\x2f\xfd", b
 _KINDS: Final = (
     (b"\x93NUMPY", "a NumPy array", ""),
     (b"MATLAB 5.0 MAT-file", "a MATLAB file", ""),
-    (b"PAR1", "a Parquet file", ""),
+    (b"PAR1", "a Parquet file", "save it as CSV or .npz"),
     (b"\x89MCAP", "an MCAP file", ""),
     (b"MATLAB 7.3 MAT-file", "a MATLAB v7.3 file (HDF5)", "save it with '-v7'"),
     (b"\x89HDF\r\n\x1a\n", "an HDF5 file", "export it as CSV or .npz"),
     (b"#ROSBAG V", "a ROS bag", "export it as CSV"),
     (b"SQLite format 3\0", "an SQLite database, such as a ROS 2 bag", "export it as CSV"),
-    (b"ARROW1", "an Arrow file (Feather)", "save it as Parquet"),
+    (b"ARROW1", "an Arrow file (Feather)", "save it as CSV or .npz"),
     (b"TDSm", "a LabVIEW TDMS file", "export it as CSV"),
     *((magic, "a compressed file", "unpack it first") for magic in _COMPRESSED),
     (b"\xd0\xcf\x11\xe0", "a Microsoft Office file, such as .xls", "save it as CSV"),
@@ -95,7 +94,7 @@ def kind_of(path: Path, head: bytes) -> str:
         return "a text table"
     controls = sum(byte < 32 and byte not in _TEXT_CONTROLS for byte in head)
     valid = _is_utf8(head)
-    if path.suffix.lower() in (".npy", ".npz", ".parquet"):
+    if path.suffix.lower() in (".npy", ".npz"):
         raise FileError(f"{path}: not a {path.suffix.lower()} file{', but text' if valid and not controls else ''}")
     if controls and (not valid or controls > len(head) / 10):
         raise FileError(f"{path}: a binary file of an unknown kind; {_READABLE}")

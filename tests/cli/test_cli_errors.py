@@ -65,7 +65,7 @@ def files(tmp_path):
     [
         ("missing.csv", ("missing.csv", "No such file")),
         ("two.csv", ("which column?", "t_s, fx, fy")),
-        ("picture.csv", ("a binary file of an unknown kind", ".parquet can be read")),
+        ("picture.csv", ("a binary file of an unknown kind", "own .mcap can be read")),
         ("objects.npy", ("damaged",)),
         ("", ("is a directory",)),
     ],

@@ -306,7 +306,7 @@ def test_positions_of_a_force_are_found_by_their_name(file):
 
 
 @pytest.mark.parametrize("load", [load_recording, load_motion])
-@pytest.mark.parametrize("name", ["a.csv", "a.npy", "a.npz", "a.mat", "a.parquet"])
+@pytest.mark.parametrize("name", ["a.csv", "a.npy", "a.npz", "a.mat"])
 def test_devices_and_pipes_are_refused_without_opening_them(tmp_path, name, load):
     (tmp_path / "zero").mkdir()
     endless = tmp_path / "zero" / name
