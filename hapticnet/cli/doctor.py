@@ -47,10 +47,10 @@ def doctor(
     Exit code: 0 if there is no problem, 1 if there is one, 2 if the options are wrong.
     """
     from hapticnet.cli.console import Console, deliver
-    from hapticnet.runtime.doctor import Machine, Verdict, as_json, examine, examine_trial, probes
+    from hapticnet.runtime.doctor import Verdict, as_json, examine, examine_trial, probes
 
     console = Console("doctor")
-    findings = list(examine(probes(Machine()), lambda subject: console.status(f"looking at {subject}")))
+    findings = list(examine(probes(), lambda subject: console.status(f"looking at {subject}")))
     if not quick:
         console.status("measuring for 3 s")
         findings += examine_trial()

@@ -11,7 +11,6 @@ import tempfile
 import time
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
 from enum import StrEnum
 from pathlib import Path
 from typing import Any, Final, NamedTuple, TypeAlias
@@ -24,9 +23,6 @@ from hapticnet.runtime.timer import Alarm
 from hapticnet.runtime.udp import RECEIVE_BUFFER_BYTES
 
 SCHEMA: Final = 3  # version of the JSON report. It grows when a key or a verdict changes its meaning or goes away
-MOST_BYTES: Final = 256 * 1024  # of a file that is read
-ENOUGH_CPUS: Final = 1.0
-FEWEST_CPUS: Final = 0.25  # of a control group: a master takes 0.07, and three times that while it starts
 
 TRIAL_S: Final = 3.0
 # A quarter of a tick, and a whole one, at the 99th percentile. On two shared cores (bench/measure/real_time.py) it is
@@ -104,42 +100,16 @@ def duration(seconds: float) -> str:
     return f"{seconds * 1e9:.3g} ns"
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Machine:
-    """A machine, or a folder that imitates one. It is never changed."""
-
-    root: Path = Path("/")  # holds proc, sys and so on
-    environ: Mapping[str, str] = field(default_factory=lambda: dict(os.environ))
-
-    def path(self, path: str) -> Path:
-        """Return the location of an absolute path on this machine."""
-        return self.root / path.lstrip("/")
-
-    def text(self, path: str) -> str:
-        """Return the stripped text of a file; "" if it cannot be read."""
-        try:
-            with self.path(path).open("rb") as file:
-                return file.read(MOST_BYTES).decode("utf-8", "replace").strip()
-        except (OSError, ValueError):
-            return ""
-
-    @property
-    def container(self) -> bool:
-        """Whether there is evidence that this process runs in a container."""
-        marks = any(self.path(path).exists() for path in ("/.dockerenv", "/run/.containerenv"))
-        return marks or bool({"container", "KUBERNETES_SERVICE_HOST"} & set(self.environ))
-
-
 Probe: TypeAlias = tuple[str, Callable[[], list[Finding]]]  # a subject, and what examines it
 
 
-def probes(machine: Machine) -> list[Probe]:
+def probes() -> list[Probe]:
     """Return the probes in the order of the report."""
     limits = resource.getrlimit(resource.RLIMIT_RTPRIO)
     return [
-        ("timing", lambda: [judge_timer(), judge_scheduling(machine, try_fifo(), limits)]),
-        ("processor", lambda: [_cpus(), judge_limit(machine)]),
-        ("network", lambda: [judge_buffer(granted_bytes(), on_host=machine.container)]),
+        ("timing", lambda: [judge_timer(), judge_scheduling(try_fifo(), limits)]),
+        ("processor", lambda: [_cpus()]),
+        ("network", lambda: [judge_buffer(granted_bytes())]),
     ]
 
 
@@ -185,28 +155,23 @@ def try_fifo() -> str | None:
     return None
 
 
-def judge_scheduling(machine: Machine, refusal: str | None, limits: tuple[float, float]) -> Finding:
-    """Judge the scheduling class by the refusal of SCHED_FIFO and by the soft and hard limit of priorities."""
+def judge_scheduling(refusal: str | None, limits: tuple[float, float]) -> Finding:
+    """Judge the scheduling class by why SCHED_FIFO is refused, and by the soft and hard limit of priorities."""
     named = "timing.scheduling", "Scheduling class"
     if refusal is None:
         return Finding(*named, Verdict.OK, f"SCHED_FIFO {FIFO_PRIORITY} is granted")
     value = f"SCHED_FIFO is refused: {refusal}"
     meaning = "Slave and master wait for other programs: on a busy machine, ticks are late or missed."
-    return Finding(*named, Verdict.WARNING, value, meaning, _how_to_grant(machine, *limits))
+    return Finding(*named, Verdict.WARNING, value, meaning, _how_to_grant(*limits))
 
 
-def _how_to_grant(machine: Machine, soft: float, hard: float) -> tuple[Step, ...]:
+def _how_to_grant(soft: float, hard: float) -> tuple[Step, ...]:
     if soft >= FIFO_PRIORITY or soft == resource.RLIM_INFINITY:
         text = (
             "This account may use SCHED_FIFO; a sandbox forbids it, or this kernel grants real time to control groups"
             " only (CONFIG_RT_GROUP_SCHED): raise cpu.rt_runtime_us, or boot with rt_group_sched=0."
         )
         return (Step(text),)
-    if machine.container:
-        return (
-            Step("Start the container with the capability SYS_NICE:", "docker run --cap-add SYS_NICE …"),
-            Step("If it does not run as root, also:", f"docker run --ulimit rtprio={FIFO_PRIORITY} …"),
-        )
     if hard >= FIFO_PRIORITY or hard == resource.RLIM_INFINITY:
         return (Step("Raise the limit in the shell that starts hapticnet:", f"ulimit -r {FIFO_PRIORITY}"),)
     permit = f'echo "$USER - rtprio {FIFO_PRIORITY}" | sudo tee /etc/security/limits.d/90-hapticnet.conf'
@@ -215,6 +180,7 @@ def _how_to_grant(machine: Machine, soft: float, hard: float) -> tuple[Step, ...
         Step("Permit it for your account, then log out and in again:", permit),
         Step(f"In a systemd service instead: LimitRTPRIO={FIFO_PRIORITY}"),
         Step("Or permit it for this Python, so for every script it runs:", f"sudo setcap cap_sys_nice+ep {python}"),
+        Step("In a container:", f"docker run --cap-add SYS_NICE --ulimit rtprio={FIFO_PRIORITY} …"),
     )
 
 
@@ -235,25 +201,6 @@ def judge_cpus(usable: int, total: int) -> Finding:
     return Finding(*named, Verdict.WARNING, value, "Ticks wait for everything else that runs on the only CPU.", (step,))
 
 
-def judge_limit(machine: Machine) -> Finding:
-    """Judge the CPU limit of this process's control group, or of the container's root."""
-    named = "processor.limit", "CPU limit"
-    groups = machine.text("/proc/self/cgroup").splitlines()
-    own = next((line.removeprefix("0::").rstrip("/") for line in groups if line.startswith("0::")), "")
-    limits = (machine.text(f"/sys/fs/cgroup{folder}/cpu.max") for folder in (own, ""))
-    fields = next((text.split() for text in limits if text), [])
-    if len(fields) != 2 or not all(each.isdigit() and int(each) for each in fields):
-        return Finding(*named, Verdict.OK, "none")
-    cpus = int(fields[0]) / int(fields[1])
-    if cpus >= ENOUGH_CPUS:
-        return Finding(*named, Verdict.OK, f"{cpus:.3g} CPUs")
-    verdict = Verdict.WARNING if cpus >= FEWEST_CPUS else Verdict.PROBLEM
-    meaning = "A process that has used up its share pauses for the rest of each period, up to 100 ms."
-    step = Step("Give it more: CPUQuota= of a systemd service, or", "docker run --cpus 2 …")
-    scale = f"good: at least {ENOUGH_CPUS:g} CPU; acceptable: {FEWEST_CPUS:g}"
-    return Finding(*named, verdict, f"{cpus:.3g} CPUs", meaning, (step,), scale)
-
-
 def granted_bytes() -> int:
     """Return the receive buffer that a slave is granted [B]. The kernel reports twice that, for its bookkeeping."""
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sock:
@@ -261,16 +208,15 @@ def granted_bytes() -> int:
         return sock.getsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF) // 2
 
 
-def judge_buffer(granted: int, *, on_host: bool = False) -> Finding:
-    """Judge the receive buffer by the granted size [B]; `on_host`: the limit belongs to this container's host."""
+def judge_buffer(granted: int) -> Finding:
+    """Judge the receive buffer by what was granted [B]."""
     named, asked = ("network.receive_buffer", "Receive buffer"), RECEIVE_BUFFER_BYTES
     if granted >= asked:
         return Finding(*named, Verdict.OK, f"{granted // 1024} KiB, as asked for")
     value, setting = f"{granted // 1024} of the {asked // 1024} KiB asked for", f"net.core.rmem_max={asked}"
-    meaning = "A slave with many masters that pauses for a moment loses datagrams."
-    where = " on the host" if on_host else ""
+    meaning = "A slave with many masters that stands still for a moment loses datagrams."
     steps = (
-        Step(f"Raise the limit{where} until the next boot:", f"sudo sysctl -w {setting}"),
+        Step("Raise the limit, in a container that of its host, until the next boot:", f"sudo sysctl -w {setting}"),
         Step("And for good:", f"echo {setting} | sudo tee /etc/sysctl.d/90-hapticnet.conf"),
     )
     return Finding(*named, Verdict.WARNING, value, meaning, steps)

@@ -8,7 +8,7 @@ import sys
 import pytest
 
 from hapticnet.cli.doctor import COLOURS, SUBJECTS, in_encoding, print_page
-from hapticnet.runtime.doctor import Finding, Machine, Step, Verdict, probes
+from hapticnet.runtime.doctor import Finding, Step, Verdict, probes
 from tests.ready import ROOT, hapticnet
 
 KEYS = {"id", "title", "verdict", "value", "meaning", "to_do", "scale"}
@@ -37,7 +37,7 @@ def test_every_verdict_is_a_word_every_subject_has_a_heading_and_every_command_i
     page = printed(capsys, monkeypatch)
     assert all(f"  {verdict.value} " in page for verdict in Verdict)
     assert set(COLOURS) == set(Verdict)
-    assert {*(subject for subject, _ in probes(Machine())), "measured"} == set(SUBJECTS)
+    assert {*(subject for subject, _ in probes()), "measured"} == set(SUBJECTS)
     assert page.count(COMMAND) == 1  # the second finding says the same
     assert "\x1b" not in page
 
