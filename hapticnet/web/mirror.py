@@ -21,10 +21,8 @@ BEHIND_M: Final = 0.03
 in a trial must not know, except where it breaks deeper than this."""
 
 
-def scene_called(name: str, given: SceneSettings | None = None) -> SceneSettings | None:
-    """Return `given` or the built-in scene of that name, if any; it comes from the network, so no file is read."""
-    if given is not None and given.name == name:
-        return given
+def scene_called(name: str) -> SceneSettings | None:
+    """Return the built-in scene of that name from the network, so without reading a file; or None."""
     try:
         found = find_scene(name) if scene_file(name) is None else None
     except HapticnetError:

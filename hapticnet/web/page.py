@@ -11,7 +11,6 @@ from hapticnet.node.master import MasterNode
 from hapticnet.operator.live import LiveHand
 from hapticnet.protocol.states import Connected
 from hapticnet.runtime.system import now_us
-from hapticnet.scene.settings import SceneSettings
 from hapticnet.web import messages
 from hapticnet.web.audience import Audience, hello
 from hapticnet.web.controls import Controls
@@ -34,7 +33,6 @@ class PageSettings:
     source: str  # source of the positions, in a word: page, scripted, trace, ….
     device: str | None = None  # device that renders the force, in a word; None without one
     hand: LiveHand | None = None  # the hand that a page may take; None if the positions come from elsewhere
-    scene: SceneSettings | None = None  # the slave's scene, if it is known and possibly not built in
     operator_url: str | None = None  # address of the operator view
     in_words: Callable[[NodeEvent], str]  # returns an event in words
     say: Callable[[str], None]  # called with a line for the person at the terminal
@@ -183,7 +181,7 @@ class Page(Audience):
     def _follow_scene(self, name: str, *, is_new: bool) -> bool:
         """Use the scene that the slave calls `name`; return whether it changed."""
         before = self._mirror.settings if self._mirror is not None else None
-        known = scene_called(name, self._settings.scene) if self._node.axes == 1 else None
+        known = scene_called(name) if self._node.axes == 1 else None
         if known is None:
             self._mirror = None
         elif is_new or known != before:

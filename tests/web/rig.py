@@ -155,7 +155,6 @@ async def until(condition: Callable[[], bool]) -> None:
 async def rig(
     *,
     scene: str | SceneSettings = "paper:1",
-    known_scene: SceneSettings | None = None,
     operator: Operator | None = None,
     with_slave: bool = True,
 ) -> AsyncIterator[Rig]:
@@ -181,7 +180,7 @@ async def rig(
         node,
         Controls(node, [(back, plain), (out, plain)]),
         PageSettings(
-            source="page" if hand else "scripted", hand=hand, scene=known_scene, in_words=repr, say=said.append,
+            source="page" if hand else "scripted", hand=hand, in_words=repr, say=said.append,
             operator_url=access.url("operator"),
         ),
     )  # fmt: skip

@@ -14,7 +14,6 @@ from hapticnet.protocol.wire import Kind
 from hapticnet.runtime.udp import HostPort
 from hapticnet.samples import PositionSample
 from hapticnet.scene.scene import Scene
-from hapticnet.scene.settings import SceneSettings, Tissue
 from hapticnet.scene.sources import find_scene
 from hapticnet.web import messages
 from hapticnet.web.access import DEFAULT, Access, listen_for_pages
@@ -64,14 +63,6 @@ def test_the_range_of_the_needle_tells_nothing_about_the_tissues():
 @pytest.mark.parametrize("name", ["/etc/passwd.toml", "secret.toml", "my own", "paper:x", ""])
 def test_a_name_from_the_network_opens_no_file(name: str):
     assert scene_called(name) is None
-
-
-def test_a_scene_that_is_given_is_found_by_its_name():
-    given = SceneSettings(
-        name="mine", tissues=(Tissue(name="a", rest_position_m=0.01, stiffness_n_per_m=100.0, breach_force_n=1.0),)
-    )
-    assert scene_called("mine", given) == given
-    assert scene_called("paper:2", given) == find_scene("paper:2")
 
 
 class Node(SimpleNamespace):
