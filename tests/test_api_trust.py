@@ -65,27 +65,37 @@ def as_parameters(text):
 
 
 @pytest.mark.parametrize(
-    "parameters",
+    ("parameters", "words"),
     [
-        {},
-        {"peer_key": "abc"},
-        {"peer_key": "PEER"},
-        {"key": "other.toml"},
-        {"key": "~/missing.toml", "peer_key": "PEER"},
-        {"peer_key": "PEER", "insecure": True},
+        ({}, ("--peer-key", "hapticnet key public", "--insecure")),
+        ({"peer_key": "abc"}, ("--peer-key is 'abc'",)),
+        ({"peer_key": "PEER"}, ("hapticnet key new ",)),
+        ({"key": "other.toml"}, ("--key needs --peer-key",)),
+        ({"key": "~/missing.toml", "peer_key": "PEER"}, ("missing.toml",)),
+        ({"peer_key": "PEER", "insecure": True}, ("--insecure", "--peer-key", "omit one")),
     ],
 )
-def test_what_a_master_lacks_is_said_in_the_same_words(parameters):
+def test_what_a_master_lacks_is_said_in_the_same_words(parameters, words):
     peer = make_key("other.toml")
     parameters = {name: peer if value == "PEER" else value for name, value in parameters.items()}
     by_command = said_by_command("master", "--connect", ELSEWHERE, *as_options(parameters))
+    assert all(word in by_command for word in words)
     assert said_in_python(hn.ThreadedMaster, ELSEWHERE, **parameters) == as_parameters(by_command) != ""
 
 
-@pytest.mark.parametrize("parameters", [{}, {"key": "other.toml"}, {"key": "~/missing.toml"}, {"masters": "none.toml"}])
-def test_what_a_slave_lacks_is_said_in_the_same_words(parameters):
+@pytest.mark.parametrize(
+    ("parameters", "words"),
+    [
+        ({}, ("hapticnet key new", "list the masters in ", "--insecure")),
+        ({"key": "other.toml"}, ("masters.toml", "does not exist", "[[master]]")),
+        ({"key": "~/missing.toml"}, ("missing.toml",)),
+        ({"masters": "none.toml"}, ()),
+    ],
+)
+def test_what_a_slave_lacks_is_said_in_the_same_words(parameters, words):
     make_key("other.toml")
     by_command = said_by_command("slave", "--listen", ANYWHERE, *as_options(parameters))
+    assert all(word in by_command for word in words)
     in_python = said_in_python(hn.ThreadedSlave, listen=ANYWHERE, **parameters)
     port = r"(?<=0\.0\.0\.0:)\d+"
     assert re.sub(port, "", in_python) == re.sub(port, "", as_parameters(by_command)) != ""

@@ -5,8 +5,6 @@ import pytest
 from tests.cli.test_cli_errors import assert_one_line
 from tests.ready import hapticnet
 
-ANYWHERE = ("--listen", "0.0.0.0:0")
-ELSEWHERE = ("--connect", "192.0.2.1:47800")  # RFC 5737: never assigned, so nothing is reached
 pytestmark = pytest.mark.usefixtures("home")
 
 
@@ -17,32 +15,6 @@ def make_key(path):
 
 def listed(public, more=""):
     return f'[[master]]\nname = "finger"\npublic = "{public}"\n{more}'
-
-
-@pytest.mark.parametrize("address", ["0.0.0.0:0", "[::]:0"])
-def test_a_slave_that_other_hosts_can_reach_needs_keys_or_a_word(home, address):
-    listing = f"list the masters in {home / 'masters.toml'}"
-    assert_one_line(hapticnet("slave", "--listen", address), "hapticnet key new", listing, "--insecure")
-
-
-def test_a_slave_with_a_key_needs_a_list(home):
-    make_key(home / "key.toml")
-    assert_one_line(hapticnet("slave", *ANYWHERE), str(home / "masters.toml"), "does not exist", "[[master]]")
-
-
-def test_a_master_of_another_host_needs_keys_or_a_word():
-    assert_one_line(hapticnet("master", *ELSEWHERE), "--peer-key", "hapticnet key public", "--insecure")
-
-
-def test_a_master_with_half_of_the_keys_is_told_the_other_half(home, tmp_path):
-    public = make_key(tmp_path / "other.toml")
-    assert_one_line(hapticnet("master", *ELSEWHERE, "--key", tmp_path / "other.toml"), "--key needs --peer-key")
-    assert_one_line(hapticnet("master", *ELSEWHERE, "--peer-key", public), f"hapticnet key new {home / 'key.toml'}")
-
-
-def test_a_master_is_not_asked_for_a_session_that_is_open_and_sealed(tmp_path):
-    public = make_key(tmp_path / "key.toml")
-    assert_one_line(hapticnet("master", "--insecure", "--peer-key", public), "--insecure", "--peer-key", "omit one")
 
 
 def test_the_environment_names_keys_as_the_options_do(tmp_path, monkeypatch):
