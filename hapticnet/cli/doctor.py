@@ -96,13 +96,8 @@ def print_page(findings: "Sequence[Finding]", *, measured: bool) -> None:
     with console.capture() as captured:
         console.print(*page, sep="\n", soft_wrap=True)
     text = "".join(f"{line.rstrip()}\n" for line in captured.get().splitlines())
-    sys.stdout.write(in_encoding(text, sys.stdout.encoding or "utf-8"))
-
-
-def in_encoding(text: str, encoding: str) -> str:
-    """Return a text for a terminal without Unicode."""
-    plain = text if encoding.lower().startswith("utf") else text.translate({ord("µ"): "u", ord("…"): "..."})
-    return plain.encode(encoding, "replace").decode(encoding)
+    encoding = sys.stdout.encoding or "utf-8"
+    sys.stdout.write(text.encode(encoding, "replace").decode(encoding))
 
 
 def _summary(findings: "Sequence[Finding]", measured: bool) -> list[tuple[str, str]]:
@@ -114,7 +109,7 @@ def _summary(findings: "Sequence[Finding]", measured: bool) -> list[tuple[str, s
         for verdict in (Verdict.PROBLEM, Verdict.WARNING)
     )
     if problems:
-        answer = f"This machine is not ready. First fix: {problems}.", COLOURS["problem"]
+        answer = f"This machine is not ready. Solve first: {problems}.", COLOURS["problem"]
     elif warnings:
         answer = "This machine can run hapticnet; the warnings above say what would help.", COLOURS["warning"]
     else:
