@@ -134,7 +134,7 @@ Repairs: TypeAlias = Annotated[Texts, _each(_repair)]
 
 
 class Axes(BaseModel):
-    """What is touched; codecs and their law; the rate of positions; the networks, and when a lost update is replaced."""
+    """What is touched; codecs and their law; the rate of positions; the networks; when a lost update is replaced."""
 
     model_config = STRICT
 
@@ -184,7 +184,7 @@ class Shown(BaseModel):
 
 
 class Study(BaseModel):
-    """Forces felt over a network beside the true ones; see `node.closed_loop`. More repeats add runs and change none."""
+    """Forces felt over a network beside the true ones; see `node.closed_loop`. More repeats only add runs."""
 
     model_config = STRICT
 

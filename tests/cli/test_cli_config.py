@@ -94,17 +94,9 @@ def test_a_misspelt_variable_is_a_warning_because_other_programs_set_some_too(ru
 
 
 def test_nothing_in_the_environment_speaks_to_the_terminal(run):
-    done = run("slave", HAPTICNET_SLAVE_SCENE="\x1b]0;title\x07")
+    done = run("codecs", HAPTICNET_CODECS_JSON="\x1b]0;title\x07")
     assert "]0;title" in done.stderr
     assert all(line.isprintable() for line in done.stderr.splitlines())
-
-
-def test_of_a_long_value_the_middle_is_left_out(run):
-    done = run("slave", HAPTICNET_SLAVE_DURATION="A" * 100_000)
-    assert done.returncode == 2
-    assert len(done.stderr) < 5000
-    assert "HAPTICNET_SLAVE_DURATION" in done.stderr
-    assert done.stderr.rstrip().endswith("(see hapticnet slave --help)")
 
 
 @pytest.mark.parametrize("columns", ["0", "00"])

@@ -110,9 +110,8 @@ def test_a_writer_that_is_killed_is_told_in_one_line_and_its_file_can_be_read(tm
     add(recorder, number, 100, first=100)
     recorder.end(number, {})
     recorder.finish()
-    assert said == [
-        f"recording stops: its writer process ended (signal 9); 'hapticnet export {unfinished}' completes what was written"
-    ]
+    completed = f"'hapticnet export {unfinished}' completes what was written"
+    assert said == [f"recording stops: its writer process ended (signal 9); {completed}"]
     with pytest.raises(FileError, match="incomplete: its writer process ended"):
         recorder.check()
     assert len(times(unfinished)) == 100
