@@ -55,12 +55,18 @@ def _reader(path: Path) -> Callable[[Path, int], Session]:
     if magic.startswith(_ZIP_MAGIC):
         return _read_npz
     check_main(path)
-    sidecar = beside(path, "about.json")
+    sidecar = _part(path, "about.json")
     if not sidecar.exists():
         raise FileError(
             f"{path}: {_NO_RECORDING}: that is a .mcap or .npz file, or a .csv file with {sidecar.name} beside it"
         )
     return _read_csv
+
+
+def _part(path: Path, what: str) -> Path:
+    """Return a part of a CSV recording. The main one is renamed last, so others may have their last name before it."""
+    parts_are_renamed = not beside(path, "about.json").exists()
+    return beside(named(path) if parts_are_renamed and not beside(path, what).exists() else path, what)
 
 
 def check_main(path: Path) -> None:
@@ -111,7 +117,7 @@ def _read_npz(path: Path, max_bytes: int) -> Session:
 
 
 def _read_csv(path: Path, max_bytes: int) -> Session:
-    sidecar = beside(path, "about.json")
+    sidecar = _part(path, "about.json")
     try:
         about = parse_json(read_text(sidecar, LARGEST_JSON))
         side, offset_us = str(about.pop("side")), int(about.pop("unix_offset_us"))
@@ -119,10 +125,10 @@ def _read_csv(path: Path, max_bytes: int) -> Session:
         raise FileError(f"{sidecar}: {_NO_RECORDING}") from error
     tables = {_main_name(side): _csv_table(path, max_bytes)}
     for name in _OTHER_TABLES:
-        other = beside(path, f"{name}s.csv")
+        other = _part(path, f"{name}s.csv")
         if other.exists():
             tables[name] = _csv_table(other, max_bytes)
-    return Session(side, about, offset_us, tables, csv_events(beside(path, "events.csv")))
+    return Session(side, about, offset_us, tables, csv_events(_part(path, "events.csv")))
 
 
 def _csv_table(path: Path, max_bytes: int) -> SessionTable:
