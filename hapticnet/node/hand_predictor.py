@@ -41,9 +41,14 @@ SOLVED_EVERY: Final = 8  # steps between two solutions of the equations
 FASTEST: Final = 2.0
 LARGEST_SPEED_M_PER_S: Final = 1.0
 """Largest predicted speed: a multiple of the present one or that of the last such time, whichever is larger, and never
-more than a hand on a tool moves. Faster movements are leaps, from which nothing is learned."""
+more than a hand on a tool moves. From faster movements nothing is learned."""
+
+LEAP_M_PER_S: Final = 10.0  # between two steps nothing but a leap is faster: the movement is looked at afresh
 
 LONGEST_GAP: Final = 200  # steps without a position after which the movement is looked at afresh
+STEPS_PER_POSITION: Final = 10
+"""Steps that a position allows, for those missed before it. A master whose clock runs away costs the slave no more."""
+
 TERMS: Final = 5
 _UPPER: Final = np.triu_indices(TERMS)
 KEPT: Final = 4 * LONGEST_AHEAD_US // SHORTEST_STEP_US
@@ -65,7 +70,9 @@ class HandPredictor:
         self._velocities: list[list[float]] = [[0.0] * KEPT for _ in self._axes]
         self._accelerations: list[list[float]] = [[0.0] * KEPT for _ in self._axes]
         self._steps = 0  # steps in the tables since the last gap
-        self._t_us = 0
+        self._allowed = LONGEST_GAP  # steps that may be made up for now
+        self._t_us = 0  # time of the newest step
+        self._newest_m: Vector = (0.0,) * axes  # newest position, which may be a later one
         self._line: PromisedLine | None = None  # the newest line, where positions are few
         self._on_line = 0  # steps since then, which are no more than promised
         # Normal equations: the upper triangle row by row, and the right-hand side
@@ -76,13 +83,16 @@ class HandPredictor:
 
     def receive(self, t_us: int, position_m: Vector) -> None:
         """Take in the position of a time [µs]."""
+        self._newest_m = position_m
+        self._allowed = min(self._allowed + STEPS_PER_POSITION, LONGEST_GAP)
         steps = (t_us - self._t_us + self._step_us // 2) // self._step_us
-        if not self._steps or not 0 <= steps <= LONGEST_GAP:
+        if not self._steps or not 0 <= steps <= self._allowed:
             self._begin(t_us, position_m)
             return
         if not steps:
             return
-        self._t_us = t_us
+        self._allowed -= steps
+        self._t_us += steps * self._step_us  # not the time of the position: at 2 kHz, every second one is a step
         newest = (self._steps - 1) % KEPT
         before = [self._positions[axis][newest] for axis in self._axes]
         if self._line is not None:
@@ -98,10 +108,11 @@ class HandPredictor:
         """
         before = self._line
         steps = 0 if before is None else (line.t_us - before.t_us + self._step_us // 2) // self._step_us
-        if before is None or not self._on_line <= self._steps - 1 or not 0 < steps <= LONGEST_GAP:
+        if before is None or not self._on_line <= self._steps - 1 or not 0 < steps <= self._allowed:
             self._begin(line.t_us, line.position_m)
             self._line = line
             return
+        self._allowed -= steps
         self._steps -= self._on_line
         self._on_line, self._t_us, self._line = 0, line.t_us, line
         for step in range(1, steps + 1):
@@ -120,7 +131,6 @@ class HandPredictor:
             self._solve()
         lag, ahead_s = self._lag(), 1e-6 * ahead_us
         now = (self._steps - 1) % KEPT
-        here = tuple([self._positions[axis][now] for axis in self._axes])
         a, b, c, d, e = self._coefficients
         if self._steps <= 2 * lag:
             a, b, c, d, e = self._prior(ahead_s), 0.0, 0.0, 0.0, 0.0
@@ -128,7 +138,8 @@ class HandPredictor:
         predicted, last, present = [], [], []
         for axis in self._axes:
             velocities, accelerations = self._velocities[axis], self._accelerations[axis]
-            velocity, moved = velocities[now], (here[axis] - self._positions[axis][before]) / (lag * self._step_s)
+            positions = self._positions[axis]
+            velocity, moved = velocities[now], (positions[now] - positions[before]) / (lag * self._step_s)
             speed = a * velocity + b * ahead_s * accelerations[now] + c * moved
             predicted.append(speed + d * velocities[before] + e * ahead_s * accelerations[before])
             last.append(moved)
@@ -136,7 +147,7 @@ class HandPredictor:
         largest = min(FASTEST * max(magnitude(tuple(last)), magnitude(tuple(present))), LARGEST_SPEED_M_PER_S)
         size = magnitude(tuple(predicted))
         scale = ahead_s if size <= largest else ahead_s * largest / size
-        return tuple([here[axis] + scale * predicted[axis] for axis in self._axes])
+        return tuple([self._newest_m[axis] + scale * predicted[axis] for axis in self._axes])
 
     def _lag(self) -> int:
         return min(max((self._ahead_us + self._step_us // 2) // self._step_us, 1), KEPT // 4)
@@ -153,8 +164,11 @@ class HandPredictor:
 
     def _push(self, position_m: Vector) -> None:
         """Write the position of the next step, and learn from it."""
+        before, leap_m = (self._steps - 1) % KEPT, LEAP_M_PER_S * self._step_s
+        if not all(abs(x - known[before]) <= leap_m for x, known in zip(position_m, self._positions, strict=True)):
+            self._steps = 0  # so that what is learned stays within what the equations can hold
         first = not self._steps
-        now, before = self._steps % KEPT, (self._steps - 1) % KEPT
+        now = self._steps % KEPT
         for axis in self._axes:
             x = position_m[axis]
             velocity = acceleration = 0.0

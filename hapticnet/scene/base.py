@@ -4,7 +4,7 @@ import math
 from collections.abc import Callable, Sequence
 from typing import Any, Final, Protocol
 
-from hapticnet.errors import SettingsError
+from hapticnet.errors import SettingsError, UserCodeError
 from hapticnet.samples import ForceSample, PositionSample
 from hapticnet.scene.ahead import LookAhead
 from hapticnet.stiffness_bound import StiffnessBound
@@ -127,8 +127,7 @@ class UserScene:
         if not isinstance(moves_ahead_n, int | float) or not 0.0 <= moves_ahead_n < math.inf:
             raise SettingsError(f"{what}: moves_ahead_n is {short(moves_ahead_n)}; it must be a force in newtons")
         self.moves_ahead_n = float(moves_ahead_n)
-        copied = self._optional("copy")
-        self.copy: Callable[[], UserScene] | None = None if copied is None else lambda: UserScene(copied(), what)
+        self.copy: Callable[[], UserScene] | None = _copying(touched, self.axes, self._optional("copy"), what)
 
     @property
     def breaches(self) -> int:
@@ -164,11 +163,28 @@ class UserScene:
         method = attribute_of(self.touched, name, None, self.what)
         if method is None:
             return None
+        what = f"{type(self.touched).__name__}.{name}"  # not `self`: copies are to go without a garbage collection
 
         def call() -> Any:
             try:
                 return method()
             except BaseException as error:
-                raise failure(f"{type(self.touched).__name__}.{name}", error) from error
+                raise failure(what, error) from error
 
         return call
+
+
+def _copying(
+    touched: HasStep, axes: int, copied: Callable[[], Any] | None, what: str
+) -> Callable[[], UserScene] | None:
+    """Return what copies a user's scene; None if it has no method ``copy``."""
+    if copied is None:
+        return None
+
+    def copy() -> UserScene:
+        other = UserScene(copied(), what)
+        if other.touched is touched or other.axes != axes:
+            raise UserCodeError(f"{what}: copy must return another object, of as many axes")
+        return other
+
+    return copy

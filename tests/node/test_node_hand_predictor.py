@@ -10,7 +10,15 @@ from hypothesis import strategies as st
 
 import hapticnet as hn
 from hapticnet.codec.positions import PromisedLine
-from hapticnet.node.hand_predictor import FASTEST, LARGEST_SPEED_M_PER_S, LONGEST_AHEAD_US, ForceAhead, HandPredictor
+from hapticnet.node.hand_predictor import (
+    FASTEST,
+    LARGEST_SPEED_M_PER_S,
+    LONGEST_AHEAD_US,
+    LONGEST_GAP,
+    STEPS_PER_POSITION,
+    ForceAhead,
+    HandPredictor,
+)
 from hapticnet.protocol.stats import MEDIAN_OF, RoundTrip
 from hapticnet.protocol.wire import MODULUS, wrap
 from hapticnet.samples import PositionSample
@@ -89,6 +97,35 @@ def test_a_leap_is_not_carried_on():
         hand.receive(t_us, (0.5,))
     assert hand.predict(AHEAD_US)[0] == pytest.approx(0.5, abs=1e-3)
     assert abs(before_m) < 0.02
+
+
+def test_no_leaps_make_equations_that_cannot_be_solved():
+    for seed in range(30):
+        rng, at_m = np.random.default_rng(seed), 0.0
+        hand = HandPredictor(1, 1000)
+        for t_us in range(0, 700_000, 1000):
+            if rng.random() < 0.01:
+                at_m = rng.choice([1e15, -1e15, 0.0, 1e10, rng.uniform(-1.0, 1.0)])
+            hand.receive(t_us, (at_m,))
+            assert hand.predict(LONGEST_AHEAD_US) == pytest.approx((at_m,), abs=0.16)
+
+
+@pytest.mark.parametrize("period_us", [100, 500, 667, 1000, 10_000])
+def test_the_rate_of_positions_changes_little(period_us):
+    hand = HandPredictor(1, period_us)
+    for t_us in range(0, 3_000_000, period_us):
+        hand.receive(t_us, (0.02 * math.sin(6e-6 * t_us),))
+        predicted = hand.predict(AHEAD_US)[0]
+    assert predicted == pytest.approx(0.02 * math.sin(6e-6 * (t_us + AHEAD_US)), abs=3e-4)
+
+
+def test_a_clock_that_runs_away_makes_no_more_work_than_it_pays_for():
+    hand, made = HandPredictor(1, 1000), []
+    push = hand._push
+    hand._push = lambda position_m: (made.append(1), push(position_m))
+    for count in range(1000):
+        hand.receive(200_000 * count, (0.0,))
+    assert len(made) <= 1000 * (STEPS_PER_POSITION + 1) + LONGEST_GAP
 
 
 @given(
@@ -270,6 +307,20 @@ def test_users_scenes_keep_their_checks_in_copies():
     copied = UserScene(Spring(), "own scene").copy()
     assert isinstance(copied, UserScene)
     assert copied.step(PositionSample(0, (0.02,))).force_n == pytest.approx((3.0,))
+
+
+@pytest.mark.parametrize("axes", [1, 2])
+def test_a_copy_that_is_the_scene_itself_or_has_other_axes_ends_only_the_prediction(axes):
+    class Own(Spring):
+        def copy(self):
+            other = self if axes == 1 else Spring()
+            other.axes = axes
+            return other
+
+    report = linked(scene=Own(), delay_ms=25, predicted=True, seconds=1.0).report()
+    assert report.slave["predicted"]["answers"] == 0
+    assert "another object" in report.slave["predicted"]["fault"]
+    assert report.slave["end_reason"] is None
 
 
 class Robot:
