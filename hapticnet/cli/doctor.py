@@ -109,7 +109,7 @@ def _summary(findings: "Sequence[Finding]", measured: bool) -> list[tuple[str, s
         for verdict in (Verdict.PROBLEM, Verdict.WARNING)
     )
     if problems:
-        answer = f"This machine is not ready. Solve first: {problems}.", COLOURS["problem"]
+        answer = f"This machine is not ready. First fix: {problems}.", COLOURS["problem"]
     elif warnings:
         answer = "This machine can run hapticnet; the warnings above say what would help.", COLOURS["warning"]
     else:

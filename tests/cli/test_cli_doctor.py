@@ -52,7 +52,7 @@ def test_the_page_keeps_to_the_width_of_the_terminal_but_for_commands(capsys, mo
 @pytest.mark.parametrize(
     ("findings", "answer"),
     [
-        (FINDINGS, "This machine is not ready. Solve first: Port."),
+        (FINDINGS, "This machine is not ready. First fix: Port."),
         (FINDINGS[:3], "This machine can run hapticnet; the warnings above say what would help."),
         (FINDINGS[:1], "This machine can run hapticnet.\n1 ok, 0 warnings, 0 problems."),
     ],
