@@ -17,6 +17,7 @@ from typing import Final, cast
 
 from hapticnet.codec.base import Codec, Decoder, Predictive
 from hapticnet.errors import PeerError, SampleError
+from hapticnet.node.hand_predictor import LONGEST_AHEAD_US
 from hapticnet.samples import Vector
 from hapticnet.scene.ahead import MOST_LAYERS, ContactModel, LayerAhead, check_layers
 from hapticnet.vectors import magnitude, minus, times
@@ -302,9 +303,12 @@ class BoundedDecoder:
 
     A second decoder, which is told the same updates, is where the newest answered position was: at the time that the
     first is asked for (`Decoder.reconstruct`).
+
+    `free_us`: nothing is bounded while the newest answered position is at most so old [µs].
     """
 
-    def __init__(self, codec: Codec, axes: int) -> None:
+    def __init__(self, codec: Codec, axes: int, free_us: int = -1) -> None:
+        self._free_us, self._is_free = free_us, False
         self.inner, self._behind = codec.decoder(axes), codec.decoder(axes)
         self._answered_us: int | None = None
         self._times_us: list[int] = []  # of positions of the last second
@@ -329,6 +333,7 @@ class BoundedDecoder:
             return force_n
         now_us = t_us if position_us is None else position_us
         self._move(now_us, position)
+        self._is_free = now_us - t_us <= self._free_us
         if self._answered_us is not None and t_us >= self._answered_us:  # jitter may take the time back
             self._answered_us = t_us
             answered_m = self._positions_m[max(bisect_right(self._times_us, t_us) - 1, 0)]
@@ -357,7 +362,7 @@ class BoundedDecoder:
 
     def _limited(self, force_n: Vector) -> Vector:
         size_n = magnitude(force_n)
-        return force_n if size_n <= self._bound_n else times(force_n, self._bound_n / size_n)
+        return force_n if self._is_free or size_n <= self._bound_n else times(force_n, self._bound_n / size_n)
 
 
 class BoundedPredictingDecoder(BoundedDecoder):
@@ -371,9 +376,10 @@ class BoundedPredictingDecoder(BoundedDecoder):
 def receiver(codec: Codec, axes: int, *, predicted: bool = False) -> Decoder:
     """Return a decoder for what is applied: a bounded one if the codec follows the receiver's own position.
 
-    `predicted`: whether the slave judges what is applied where it expects the hand to be now, and not where it was.
+    `predicted`: whether the slave judges what is applied where it expects the hand to be now, and not where it was. It
+    expects no further than `LONGEST_AHEAD_US`.
     """
-    if not codec.needs_position or predicted:
+    if not codec.needs_position:
         return codec.decoder(axes)
-    predicts = isinstance(codec.decoder(axes), Predictive)
-    return BoundedPredictingDecoder(codec, axes) if predicts else BoundedDecoder(codec, axes)
+    bounded = BoundedPredictingDecoder if isinstance(codec.decoder(axes), Predictive) else BoundedDecoder
+    return bounded(codec, axes, LONGEST_AHEAD_US) if predicted else bounded(codec, axes)

@@ -15,6 +15,7 @@ from hapticnet.errors import PeerError
 from hapticnet.node import decoders
 from hapticnet.node.closed_loop import simulate_link
 from hapticnet.node.decoders import GROWTH, LATELY_US, MARGIN_N, receiver
+from hapticnet.node.hand_predictor import LONGEST_AHEAD_US
 from hapticnet.perception import WeberLaw
 
 CODECS = every_codec()
@@ -134,3 +135,13 @@ def test_only_codecs_that_follow_positions_are_bounded(name):
     assert isinstance(decoder, Predictive) == isinstance(codec.decoder(1), Predictive)
     with pytest.raises(PeerError):
         decoder.decode(0, b"\xff" * 200)
+
+
+def test_where_the_hand_is_predicted_only_answers_that_are_older_than_that_are_bounded():
+    decoder, plain = receiver(MOTION, 1, predicted=True), MOTION.decoder(1)
+    for each in (decoder, plain):
+        each.reconstruct(0, (0.0,), 0)
+        each.decode(0, coupled(0.0, 5_000.0, 0.0))
+    for late_us in (LONGEST_AHEAD_US, LONGEST_AHEAD_US + 1):
+        forces = [each.reconstruct(0, (0.01,), late_us)[0] for each in (decoder, plain)]
+        assert forces == ([50.0, 50.0] if late_us == LONGEST_AHEAD_US else [MARGIN_N, 50.0])
