@@ -40,9 +40,10 @@ def with_only(kept: Sequence[str], law: WeberLaw) -> Codec:
     """Return the codec with some of its predictors."""
 
     def starting(rule: Any, axes: int) -> Sender:
-        is_known, motion, line, newest, predictors = start(rule, axes)
+        is_known, motion, line, newest, predictors, rival, felt = start(rule, axes)
         surface, coupling, curve, hold = (0.0 if name in kept else math.inf for name in PREDICTORS)
-        return is_known, motion, line, newest, predictors._replace(packets=(surface, coupling, curve, hold))
+        predictors = predictors._replace(packets=(surface, coupling, curve, hold))
+        return is_known, motion, line, newest, predictors, rival, felt
 
     class Ablated(MotionPredictive):
         steps: Steps = MotionPredictive.steps._replace(start_sender=starting)  # type: ignore[misc]

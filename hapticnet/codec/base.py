@@ -34,6 +34,14 @@ class Encoder(Protocol):
         """Force the next stimulus to be transmitted, because the last update is believed lost."""
 
 
+@runtime_checkable
+class Delayed(Protocol):
+    """An encoder that can be told the round trip. Optional."""
+
+    def set_round_trip(self, round_trip_us: int) -> None:
+        """Tell how old a position is when the answer to it is applied [µs]; 0 if that is not known."""
+
+
 class Decoder(Protocol):
     """The receiving half, bit-identical in state to the encoder wherever nothing was lost."""
 

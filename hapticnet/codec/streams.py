@@ -183,6 +183,10 @@ class LearningEncoder(StepEncoder):
         message, self._sender = self._send(rule, sender, t_us, x, NO_PAST)
         return self._pack(message)
 
+    def set_round_trip(self, round_trip_us: int) -> None:
+        """Tell how old a position is when the answer to it is applied; 0 if that is not known. See `Delayed`."""
+        self._rule.round_trip_us[0][0] = float(round_trip_us)
+
 
 class PastEncoder(StepEncoder):
     """Encoder of a scheme whose messages depend on past samples."""

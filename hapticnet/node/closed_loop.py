@@ -12,7 +12,7 @@ import numpy as np
 from hapticnet.arrays import FloatArray, IntArray
 from hapticnet.channel.emulator import Emulator
 from hapticnet.channel.settings import ChannelSettings
-from hapticnet.codec.base import Codec
+from hapticnet.codec.base import Codec, Delayed
 from hapticnet.control.hold import PassivityController
 from hapticnet.errors import PeerError
 from hapticnet.node.decoders import receiver
@@ -143,13 +143,15 @@ class _Link:
             self._encoder.refresh()
             self._missing_since_us = None
         t_us = self._times_us[index]
-        stimulus, position = self._stimuli[index], self._positions[index]
+        stimulus, position, round_trip_us = self._stimuli[index], self._positions[index], self._round_trip.us
         if self._scene is not None and self._ahead is not None and position is not None:
             at = PositionSample(t_us, position)
             self._scene.step(at)
-            predicted = self._ahead.answer(at, t_us, self._round_trip.us)
+            predicted = self._ahead.answer(at, t_us, round_trip_us)
             if predicted is not None:
-                position, stimulus = predicted
+                round_trip_us, (position, stimulus) = 0, predicted
+        if isinstance(self._encoder, Delayed):
+            self._encoder.set_round_trip(round_trip_us)
         payload = self._encoder.encode(t_us, stimulus, position)
         if payload is None:
             return

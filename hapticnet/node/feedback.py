@@ -11,7 +11,7 @@ from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from typing import Any, Final
 
-from hapticnet.codec.base import Codec, Decoder, Encoder
+from hapticnet.codec.base import Codec, Decoder, Delayed, Encoder
 from hapticnet.codec.plugins import LARGEST_PAYLOAD
 from hapticnet.errors import HapticnetError, in_words
 from hapticnet.node.decoders import OF_CODEC, AnnouncedDecoder, pack_model, unpack_model
@@ -250,6 +250,7 @@ class Feedback:
         self, session: SlaveSession, codec: Codec, scene: Touchable, *, announced: bool, rate_hz: float
     ) -> None:
         self.encoder: Encoder = codec.encoder(scene.axes)  # beside a decoder of what is sent
+        self._delayed = self.encoder if isinstance(self.encoder, Delayed) else None
         self.mirror: Decoder = codec.decoder(scene.axes)
         self.held_n: Vector = (0.0,) * scene.axes  # that force [N] at the newest position that was accounted for
         self._session = session
@@ -294,6 +295,8 @@ class Feedback:
         if predicted is not None and self._announcing is None:
             sample, force_n = PositionSample(sample.t_us, predicted[0]), predicted[1]
         try:
+            if self._delayed is not None:  # a force that was predicted is that of the time at which it is applied
+                self._delayed.set_round_trip(session.round_trip.us if predicted is None else 0)
             due = session.repair.is_due(now_us, force_n)
             if self._announcing is None:
                 if due:

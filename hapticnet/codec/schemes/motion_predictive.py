@@ -6,8 +6,11 @@ Mitra & Niemeyer 2008), sent under a perceptual deadband.
 
 Four predictors run at the sender, each like a separate codec: the zero-order hold, the curve of
 `adaptive_predictive`, a surface with the stiffness of the last milliseconds, and a coupling of learned stiffness and
-viscosity with a curve for the rest. When an update is needed, the predictor that has needed the fewest
-packets recently sends it. So the codec needs about as few packets as the best of the four.
+viscosity with a curve for the rest. When an update is needed, the predictor that has needed the fewest packets
+recently sends it. If that has taken more packets than a deadband, the sender goes on as the deadband would.
+
+If the encoder is told the round trip, it sends what was felt truest recently: the surface, the better of curve and
+hold, or a fifth predictor, the coupling of similar samples (`motion_felt`).
 """
 
 from dataclasses import dataclass, field
@@ -16,7 +19,9 @@ from typing import Any, ClassVar, Final, NamedTuple, TypeAlias
 from hapticnet.checks import check_parameter
 from hapticnet.codec.schemes.contact import Coupling, is_due, no_coupling, observed
 from hapticnet.codec.schemes.motion import (
+    HOLD,
     LARGEST_STIFFNESS,
+    UNSENT,
     Line,
     Message,
     Motion,
@@ -28,6 +33,20 @@ from hapticnet.codec.schemes.motion import (
     no_line,
     unknown_motion,
     unseen,
+)
+from hapticnet.codec.schemes.motion_felt import (
+    COUPLED_LINE,
+    FELT_EVERY,
+    HELD_LINE,
+    LEAST_ROUND_TRIP_US,
+    NOTHING_FELT,
+    SIMILAR_LINE,
+    SURFACE_LINE,
+    TIMED_LINE,
+    Felt,
+    feel,
+    felt_tables,
+    similar_coupling,
 )
 from hapticnet.codec.schemes.predictors import (
     KEPT,
@@ -49,6 +68,7 @@ from hapticnet.codec.streams import Scheme
 from hapticnet.codec.values import law_numbers, threshold_around
 from hapticnet.perception import WeberLaw
 from hapticnet.samples import Vector
+from hapticnet.vectors import distance, minus, single
 
 VELOCITY_LAG_S: Final = 0.005
 """Time constant of the velocity's low-pass [s]: five samples at 1 kHz, in which a hand hardly changes its speed."""
@@ -56,21 +76,26 @@ VELOCITY_LAG_S: Final = 0.005
 TESTED_EVERY: Final = 2  # predictors are tested at every second sample, which is enough to compare them, and costs half
 FORGETTING: Final = 0.98  # factor on the packets counted so far at each packet sent: about twenty are remembered
 
+MOST_OVER: Final = 1.02
+SPARE: Final = 2.0  # packets are at most those of a deadband times the one or plus the other, but for repairs
+
 
 class Predictors(NamedTuple):
     """The predictors and their knowledge."""
 
-    # The lines that these two have drawn last
-    hold: Line
-    surface: Line
+    surface: Line  # The one drawn last
     curve: Predictor
     coupled: Predictor
     coupling: Coupling
     packets: tuple[float, float, float, float]  # Packets that surface, coupling, curve and hold have needed recently
 
 
-Sender: TypeAlias = tuple[bool, Motion, Line, int, Predictors]
-"""``(is_known, motion, line, newest, predictors)``: the receiver's line, and the predictors.
+Rival: TypeAlias = tuple[Vector, float, float, float]
+"""``(value, threshold, packets, ours)``: what a deadband codec would hold, the threshold around it [N], and the packets
+that it and this codec have needed."""
+
+Sender: TypeAlias = tuple[bool, Motion, Line, int, Predictors, Rival, Felt]
+"""``(is_known, motion, line, newest, predictors, rival, felt)``: the receiver's line, and the predictors.
 
 Like `Motion`, it changes at every sample, so it is a plain tuple.
 
@@ -87,8 +112,8 @@ def start(rule: Any, axes: int) -> Sender:
     """Return a sender that has learned nothing yet."""
     zeros, none = (0.0,) * axes, no_line(axes)
     predictor = Predictor(none, zeros, zeros, zeros, Trend(zeros, zeros, zeros), NOTHING_LEARNED)
-    predictors = Predictors(none, none, predictor, predictor, no_coupling(axes), (0.0, 0.0, 0.0, 0.0))
-    return False, unknown_motion(axes), none, -1, predictors
+    predictors = Predictors(none, predictor, predictor, no_coupling(axes), (0.0, 0.0, 0.0, 0.0))
+    return False, unknown_motion(axes), none, -1, predictors, (zeros, -1.0, 0.0, 0.0), NOTHING_FELT
 
 
 def start_receiver(rule: Any, axes: int) -> Receiver:
@@ -98,14 +123,14 @@ def start_receiver(rule: Any, axes: int) -> Receiver:
 
 def watch(rule: Any, sender: Sender, t_us: int, position: Vector) -> Sender:
     """Follow the tool to its position."""
-    is_known, motion, line, newest, predictors = sender
-    return is_known, moved_on(motion, t_us, position, VELOCITY_LAG_S), line, newest, predictors
+    is_known, motion, line, newest, predictors, rival, felt = sender
+    return is_known, moved_on(motion, t_us, position, VELOCITY_LAG_S), line, newest, predictors, rival, felt
 
 
 def at_rest(sender: Sender) -> Sender:
     """Note that the position of this sample is unknown."""
-    is_known, motion, line, newest, predictors = sender
-    return is_known, unseen(motion), line, newest, predictors
+    is_known, motion, line, newest, predictors, rival, felt = sender
+    return is_known, unseen(motion), line, newest, predictors, rival, felt
 
 
 def move(rule: Any, receiver: Receiver, t_us: int, position: Vector) -> Receiver:
@@ -116,27 +141,39 @@ def move(rule: Any, receiver: Receiver, t_us: int, position: Vector) -> Receiver
 
 def learn(rule: MotionRule, sender: Sender, t_us: int, x: Vector) -> Sender:
     """Advance each predictor as if it were alone, and count its packets."""
-    is_known, motion, line, newest, predictors = sender
+    is_known, motion, line, newest, predictors, rival, felt = sender
     numbers = rule.numbers
     newest = remember(rule, newest, t_us, x, motion)
+    held, width, packets, ours = rival
+    if not (abs(x[0] - held[0]) if len(x) == 1 else distance(x, held)) <= width:
+        held = drawn_hold(numbers, motion, x, x).value
+        rival = held, threshold_around(numbers, held), packets + 1.0, ours
+        predictors = with_hold(predictors)
     if newest % TESTED_EVERY:
-        return is_known, motion, line, newest, predictors
+        return is_known, motion, line, newest, predictors, rival, felt
     if is_due(predictors.coupling, motion, t_us):
         coupling = observed(predictors.coupling, motion, t_us, x, threshold_around(numbers, x))
         predictors = with_coupling(predictors, coupling)
-    holds = follows(numbers, predictors.hold, motion, t_us, x)
     touches = follows(numbers, predictors.surface, motion, t_us, x)
     curves = follows(numbers, predictors.curve.line, motion, t_us, x)
     couples = follows(numbers, predictors.coupled.line, motion, t_us, x)
-    if not (holds and touches and curves and couples):
-        predictors = redraw(rule, predictors, motion, newest, t_us, x, holds, touches, curves, couples)
-    return is_known, motion, line, newest, predictors
+    if not (touches and curves and couples):
+        predictors = redraw(rule, predictors, motion, newest, t_us, x, touches, curves, couples)
+    if rule.round_trip_us[0][0] >= LEAST_ROUND_TRIP_US and newest % FELT_EVERY == 0:
+        felt = feel(rule, felt, motion, t_us, x, predictors.surface, predictors.coupling)
+    return is_known, motion, line, newest, predictors, rival, felt
+
+
+def with_hold(predictors: Predictors) -> Predictors:
+    """Return the predictors after another packet of the hold."""
+    surface, curve, coupled, coupling, (of_surface, of_coupled, of_curve, of_hold) = predictors
+    return Predictors(surface, curve, coupled, coupling, (of_surface, of_coupled, of_curve, of_hold + 1.0))
 
 
 def with_coupling(predictors: Predictors, coupling: Coupling) -> Predictors:
     """Return the predictors with another coupling."""
-    hold, surface, curve, coupled, _, packets = predictors
-    return Predictors(hold, surface, curve, coupled, coupling, packets)
+    surface, curve, coupled, _, packets = predictors
+    return Predictors(surface, curve, coupled, coupling, packets)
 
 
 def redraw(
@@ -146,18 +183,14 @@ def redraw(
     newest: int,
     t_us: int,
     x: Vector,
-    holds: bool,
     touches: bool,
     curves: bool,
     couples: bool,
 ) -> Predictors:
     """Update the predictors that no longer predict the stimulus, and count a packet for each."""
-    hold, surface, curve, coupled, coupling, packets = predictors
+    surface, curve, coupled, coupling, packets = predictors
     of_surface, of_coupled, of_curve, of_hold = packets
     numbers = rule.numbers
-    if not holds:
-        hold = line_of(numbers, t_us, drawn_hold(numbers, motion, x, x))
-        of_hold += 1.0
     if not touches:
         surface = line_of(numbers, t_us, drawn_surface(rule, motion, newest, x, coupling.stiffness))
         of_surface += 1.0
@@ -165,52 +198,75 @@ def redraw(
         curve = redrawn(rule, curve, motion, newest, t_us, x, 0.0, 0.0)
         of_curve += 1.0
     if not couples:
-        stiffness, viscosity = usable(numbers, coupling, motion)
+        stiffness, viscosity = usable(numbers, coupling.stiffness, coupling.viscosity, motion)
         coupled = redrawn(rule, coupled, motion, newest, t_us, x, stiffness, viscosity)
         of_coupled += 1.0
-    return Predictors(hold, surface, curve, coupled, coupling, (of_surface, of_coupled, of_curve, of_hold))
+    return Predictors(surface, curve, coupled, coupling, (of_surface, of_coupled, of_curve, of_hold))
 
 
 def is_silent(rule: MotionRule, sender: Sender, t_us: int, x: Vector) -> bool:
-    """Return whether a stimulus is within the threshold around the applied one."""
-    is_known, motion, line, _, _ = sender
-    return is_known and follows(rule.numbers, line, motion, t_us, x)
+    """Return whether a stimulus is within the threshold around the applied one, and its line is the wanted one."""
+    is_known, motion, line, _, _, _, (_, _, _, wanted, chosen) = sender
+    return is_known and wanted == chosen and follows(rule.numbers, line, motion, t_us, x)
 
 
 def send(rule: MotionRule, sender: Sender, t_us: int, x: Vector, past: Any) -> tuple[Message, Sender]:
-    """Send the line of the predictor that has needed the fewest packets."""
-    _, motion, _, newest, predictors = sender
-    hold, surface, curve, coupled, coupling, packets = predictors
+    """Send the wanted line: the truest if the round trip is known, else the one that has needed the fewest packets."""
+    is_known, motion, line, newest, predictors, rival, felt = sender
+    _, samples, _, _, velocity = motion
+    surface, curve, coupled, coupling, packets = predictors
     of_surface, of_coupled, of_curve, of_hold = packets
     numbers = rule.numbers
-    fewest = min(of_surface, of_coupled, of_curve, of_hold)
-    if of_surface == fewest:
+    held, width, of_rival, ours = rival
+    if is_known or line.kind == UNSENT:  # a refresh is due to a loss, which would have cost the rival one, too
+        ours += 1.0
+    written, behind, losses, wanted, _ = felt
+    if rule.round_trip_us[0][0] >= LEAST_ROUND_TRIP_US and samples > 0 and max(losses[0], losses[1], losses[2]) > 0.0:
+        drawn = thriftiest(packets, False) if wanted == TIMED_LINE else wanted
+    else:
+        can_pay = ours + 1.0 <= max(of_rival + SPARE, MOST_OVER * of_rival)
+        drawn = thriftiest(packets, samples > 0) if can_pay else HELD_LINE
+    if drawn == SURFACE_LINE:
         message = drawn_surface(rule, motion, newest, x, coupling.stiffness)
-    elif of_coupled == fewest:
-        stiffness, viscosity = usable(numbers, coupling, motion)
+    elif drawn in (COUPLED_LINE, SIMILAR_LINE):
+        stiffness, viscosity = coupling.stiffness, coupling.viscosity
+        if drawn == SIMILAR_LINE:
+            stiffness, viscosity, _ = similar_coupling(rule.cells, coupling, x, velocity)
+        stiffness, viscosity = usable(numbers, stiffness, viscosity, motion)
         trend = trend_beside(rule, motion, newest, x, stiffness, viscosity)
         message = drawn_curve(numbers, coupled.regression, trend, motion, x, stiffness, viscosity)
-    elif of_curve == fewest:
+    elif drawn == TIMED_LINE:
         trend = trend_beside(rule, motion, newest, x, 0.0, 0.0)
         message = drawn_curve(numbers, curve.regression, trend, motion, x, 0.0, 0.0)
-    else:
-        # A value that is still valid is better than the value that forces the update: with noise, it is an outlier.
-        value = hold.offset if follows(numbers, hold, motion, t_us, x) else x
-        message = drawn_hold(numbers, motion, value, x)
+    else:  # hold what the deadband would, so that from now on both need the same packets
+        zeros = minus(x, x)
+        message = Message(HOLD, single(held) != held, held, zeros, zeros, 0.0, 0.0)
     packets = FORGETTING * of_surface, FORGETTING * of_coupled, FORGETTING * of_curve, FORGETTING * of_hold
-    predictors = Predictors(hold, surface, curve, coupled, coupling, packets)
-    return message, (True, motion, line_of(numbers, t_us, message), newest, predictors)
+    predictors = Predictors(surface, curve, coupled, coupling, packets)
+    rival = held, width, of_rival, ours
+    felt = written, behind, losses, wanted, wanted
+    return message, (True, motion, line_of(numbers, t_us, message), newest, predictors, rival, felt)
+
+
+def thriftiest(packets: tuple[float, float, float, float], is_placed: bool) -> int:
+    """Return the line that has needed the fewest packets, of those that can be drawn with or without a position."""
+    of_surface, of_coupled, of_curve, of_hold = packets
+    if is_placed and of_surface <= min(of_coupled, of_curve, of_hold):
+        return SURFACE_LINE
+    if is_placed and of_coupled <= min(of_curve, of_hold):
+        return COUPLED_LINE
+    return TIMED_LINE if of_curve <= of_hold else HELD_LINE
 
 
 def refreshed(sender: Sender) -> Sender:
     """Mark the receiver's state as unknown."""
-    _, motion, line, newest, predictors = sender
-    return False, motion, line, newest, predictors
+    _, motion, line, newest, predictors, rival, felt = sender
+    return False, motion, line, newest, predictors, rival, felt
 
 
 def mirror(sender: Sender) -> Receiver:
     """Return the receiver, if it knows the same positions."""
-    _, motion, line, _, _ = sender
+    _, motion, line, _, _, _, _ = sender
     return motion, line
 
 
@@ -287,6 +343,7 @@ class MotionPredictive(Scheme):
             table(KEPT, axes),
             table(1, MOST_SAMPLES),
             table(MOST_SAMPLES, axes),
+            *felt_tables(axes, table),
         )
 
     def form(self: Any, axes: int) -> MotionForm:

@@ -4,7 +4,7 @@ import math
 from typing import Any, Final, NamedTuple
 
 from hapticnet.codec.schemes.adaptive_predictive import BAND, LARGEST_OFFSET, ends_in_range, in_halves, share_at
-from hapticnet.codec.schemes.contact import Coupling, local_stiffness
+from hapticnet.codec.schemes.contact import local_stiffness
 from hapticnet.codec.schemes.linear_predictive import is_impact
 from hapticnet.codec.schemes.motion import (
     COUPLED,
@@ -64,6 +64,10 @@ class MotionRule(NamedTuple):
     # Room for the part of the newest stimuli not explained by stiffness and viscosity
     residual_times_us: Any
     residuals: Any
+    # The round trip [µs] as the only number, the samples of the last one, and what similar ones taught: `motion_felt`
+    round_trip_us: Any
+    remembered: Any
+    cells: Any
 
 
 class Predictor(NamedTuple):
@@ -114,12 +118,12 @@ def remember(rule: MotionRule, newest: int, t_us: int, x: Vector, motion: Motion
     return newest
 
 
-def usable(numbers: Numbers, coupling: Coupling, motion: Motion) -> tuple[float, float]:
+def usable(numbers: Numbers, stiffness: float, viscosity: float, motion: Motion) -> tuple[float, float]:
     """Return stiffness and viscosity as transmitted; zeros without a position."""
     _, samples, _, _, _ = motion
     if samples == 0:
         return 0.0, 0.0
-    return as_half(min(coupling.stiffness, numbers.stiffest)), as_half(min(coupling.viscosity, LARGEST_VISCOSITY))
+    return as_half(min(stiffness, numbers.stiffest)), as_half(min(viscosity, LARGEST_VISCOSITY))
 
 
 def redrawn(
