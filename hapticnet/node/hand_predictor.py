@@ -43,7 +43,7 @@ LARGEST_SPEED_M_PER_S: Final = 1.0
 """Largest predicted speed: a multiple of the present one or that of the last such time, whichever is larger, and never
 more than a hand on a tool moves. From faster movements nothing is learned."""
 
-LEAP_M_PER_S: Final = 10.0  # between two steps nothing but a leap is faster: the movement is looked at afresh
+LEAP_M_PER_S: Final = 3.0  # between two steps nothing but a leap is faster: the movement is looked at afresh
 
 LONGEST_GAP: Final = 200  # steps without a position after which the movement is looked at afresh
 STEPS_PER_POSITION: Final = 10

@@ -99,6 +99,14 @@ def test_a_leap_is_not_carried_on():
     assert abs(before_m) < 0.02
 
 
+def test_one_wrong_position_is_not_carried_on():
+    hand, _ = predictor(lambda t_s: (0.005 * math.sin(6.0 * t_s),))
+    for t_us in range(4_000_000, 4_050_000, 1000):
+        at_m = 0.005 * math.sin(6e-6 * t_us)
+        hand.receive(t_us, (at_m + 0.005 * (t_us == 4_010_000),))
+        assert hand.predict(AHEAD_US)[0] == pytest.approx(at_m, abs=0.0051)
+
+
 def test_no_leaps_make_equations_that_cannot_be_solved():
     for seed in range(30):
         rng, at_m = np.random.default_rng(seed), 0.0
