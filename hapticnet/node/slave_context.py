@@ -16,7 +16,7 @@ from hapticnet.node.hand_predictor import ForceAhead
 from hapticnet.node.positions import VELOCITY_STEP_US, DeadReckoning
 from hapticnet.node.recording import DATAGRAM_COLUMNS, IN, OUT, Recording, frame_kind, slave_columns
 from hapticnet.node.settings import SlaveSettings
-from hapticnet.node.step_times import StepTime, StepTimes
+from hapticnet.node.step_times import NOT_TIMED, StepTime, StepTimes
 from hapticnet.protocol.messages import Grant
 from hapticnet.protocol.slave_session import SlaveSession
 from hapticnet.protocol.wire import Datagram, Kind
@@ -97,7 +97,9 @@ class SlaveContext:
         self._feedback: Feedback | None = None
         self._ahead: ForceAhead | None = None
         self._period_us = 1e6 / grant.rate_hz
-        self._scene_time = times.of(getattr(scene, "what", f"scene {scene.name}"))
+        what = getattr(scene, "what", f"scene {scene.name}")
+        self._scene_time = times.of(what)
+        self._copy_time = times.of(f"the copy of {what}") if grant.predicted else NOT_TIMED
         self._codec_time = times.of_codec(codec)
         self._master_state: int | None = None  # which layers of the model the master has pierced
         self._zero_n = (0.0,) * scene.axes
@@ -246,7 +248,9 @@ class SlaveContext:
         predicted = None
         if self._ahead is not None and self.paused is None:
             line = None if self.reckoning is None else self.reckoning.line
+            self._copy_time.begin()
             predicted = self._ahead.answer(sample, self._scene_us, self.session.round_trip.us, line)
+            self._copy_time.end(self._period_us)
         self._codec_time.begin()
         payload, datagram = feedback.answer(sample, force_n, now_us, predicted)
         self._codec_time.end(self._period_us)
@@ -276,7 +280,8 @@ class SlaveContext:
     @property
     def slow(self) -> StepTime | None:
         """The code of this session whose steps are too slow now; None if there is none."""
-        return next((each for each in (self._scene_time, self._codec_time) if each.is_slow), None)
+        times = self._scene_time, self._copy_time, self._codec_time
+        return next((each for each in times if each.is_slow), None)
 
     def resume(self) -> None:
         """Step the scene again after it has failed."""

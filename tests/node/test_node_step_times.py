@@ -1,9 +1,13 @@
 """Code whose steps take longer than its rate leaves is named, once, where it runs and at the masters it serves."""
 
+import sys
+from functools import partial
+
 import numpy as np
 import pytest
 
 from hapticnet.device.user import UserActuator
+from hapticnet.node.hand_predictor import ForceAhead
 from hapticnet.node.master import MasterNode
 from hapticnet.node.settings import MasterSettings, SlaveSettings
 from hapticnet.node.slave import SlaveNode
@@ -88,6 +92,17 @@ def test_a_slow_scene_is_named_once_with_what_it_leaves_unanswered():
     assert str(told).startswith("scene own.py:Spring is too slow: a step takes 20 ms, at most 20 ms, and is due every")
     times = slave.report()["step_times"]["scene own.py:Spring"]
     assert (times["max_us"], times["too_slow"]) == (20 * MS, True)
+
+
+def test_a_slow_copy_of_a_scene_is_named(monkeypatch):
+    def copy(self):
+        self.clock.now_us += 1300
+
+    monkeypatch.setattr(Spring, "copy", copy, raising=False)
+    monkeypatch.setattr(ForceAhead, "answer", lambda self, *_: self._copy())
+    monkeypatch.setattr(sys.modules[__name__], "MasterSettings", partial(MasterSettings, predicted=True))
+    slave, _ = play(50, 5)
+    assert [each.what for each in slave.times.reported] == ["the copy of scene own.py:Spring"]
 
 
 def test_its_master_is_told_and_goes_on():
