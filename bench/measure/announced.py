@@ -9,7 +9,7 @@ import math
 import multiprocessing
 import os
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import asdict, dataclass, replace
 from typing import Any, Final, Literal
 
 import numpy as np
@@ -20,16 +20,14 @@ from hapticnet.arrays import FloatArray
 from hapticnet.channel.emulator import Emulator
 from hapticnet.channel.spec import parse_channel
 from hapticnet.measure.metrics import error_report
-from hapticnet.measure.quality import created_energy_j
 from hapticnet.node.loopback import Loopback
 from hapticnet.node.master import MasterNode
 from hapticnet.node.settings import MasterSettings, SlaveSettings
 from hapticnet.node.slave import SlaveNode
 from hapticnet.operator.scripted import InsertionSettings, ScriptedOperator
 from hapticnet.perception import WeberLaw
-from hapticnet.protocol.wire import Kind
 from hapticnet.samples import PositionSample
-from hapticnet.scene.ahead import REACH_M, LayerAhead
+from hapticnet.scene.ahead import LayerAhead
 from hapticnet.scene.base import Touchable
 from hapticnet.scene.scene import Scene
 from hapticnet.scene.sources import find_scene
@@ -38,6 +36,7 @@ Row = dict[str, Any]
 
 LAW: Final = WeberLaw()
 PERIOD_US: Final = 1000
+HAND: Final = InsertionSettings(insertions=2)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -52,8 +51,6 @@ class Case:
         How the announcement differs from the scene; "" if it does not.
     delay_ms, jitter_ms, loss
         In each direction. Jitter is normal and keeps the order.
-    reach_m
-        Distance from the tip up to which layers are announced.
     """
 
     scene: str = "paper:1"
@@ -64,9 +61,7 @@ class Case:
     delay_ms: int = 50
     jitter_ms: int = 0
     loss: float = 0.0
-    reach_m: float = REACH_M
     seed: int = 1
-    hand: InsertionSettings = field(default_factory=lambda: InsertionSettings(insertions=2))
 
 
 def stiffer(layer: LayerAhead, factor: float) -> LayerAhead:
@@ -99,11 +94,11 @@ class Says(Scene):
 
 
 def run(case: Case) -> Row:
-    """Return the felt error and the traffic of a session."""
+    """Return the felt error of a session."""
     settings = find_scene(case.scene)
 
     def make_scene(_: object) -> Touchable:
-        scene = Says(settings.tissues, name=settings.name, reach_m=case.reach_m)
+        scene = Says(settings.tissues, name=settings.name)
         scene.lie = LIES.get(case.says)
         return scene
 
@@ -112,7 +107,7 @@ def run(case: Case) -> Row:
     forward, feedback = (
         Emulator[bytes](parse_channel(spec), np.random.default_rng([case.seed, side])) for side in (1, 2)
     )
-    hand = ScriptedOperator(case.hand, np.random.default_rng(case.seed))
+    hand = ScriptedOperator(HAND, np.random.default_rng(case.seed))
     master = MasterNode(
         hand,
         None,
@@ -129,28 +124,15 @@ def run(case: Case) -> Row:
     table = master.recording.table()
     t_us, positions, held = table["t_us"], table["position_m"][:, None], table["held_n"][:, None]
     true = true_force(Scene(settings.tissues), t_us, positions)
-    context = slave.contexts[0]
-    seconds = len(t_us) * PERIOD_US / 1e6
     wrong = np.abs(true - held)[:, 0] > LAW.jnds_n(np.abs(held)[:, 0])
     report = error_report(LAW, true, held)
-    forces = context.session.sent.by_kind[Kind.FORCE]
-    account = context.report()["announced"] or {}
     return {
-        **{name: value for name, value in asdict(case).items() if name != "hand"},
-        "insertions": case.hand.insertions,
+        **asdict(case),
         "felt_above_jnd": report.exceed_jnd_fraction,
         "felt_rmse_n": report.rmse_n,
-        "energy_peak_j": float(created_energy_j(true, held, positions).max(initial=0.0)),
         "longest_wrong_ms": longest_run(wrong),
         "longest_wrong_model_ms": longest_run(wrong & np.array(on_model)),
-        "forces": forces,
-        "keepalives": context.session.sent.by_kind[Kind.KEEPALIVE],
-        "feedback_bytes_per_s": context.session.sent.wire_bytes / seconds,
-        "positions_per_s": master.session.sent.by_kind[Kind.POSITION] / seconds,
-        "forward_bytes_per_s": master.session.sent.wire_bytes / seconds,
         "on_model": master.report()["ticks_on_model"] / len(t_us),
-        "refused": master.session.received.malformed,
-        **{name: account.get(name) for name in ("models", "corrections", "unusable")},
     }
 
 
@@ -167,7 +149,7 @@ def longest_run(wrong: npt.NDArray[np.bool_]) -> int:
 
 
 def cases(arguments: argparse.Namespace) -> list[Case]:
-    """Return the grid: links, codecs, wrong announcements, reaches."""
+    """Return the grid: links, codecs, wrong announcements."""
     ways = [("raw", False), ("deadband", False), ("adaptive-predictive", False), ("motion-predictive", False)]
     ways += [("deadband", True), ("motion-predictive", True)]
     links = [(0, 0, 0.0), (5, 0, 0.0), (25, 0, 0.0), (50, 0, 0.0), (100, 0, 0.0)]
@@ -182,18 +164,12 @@ def cases(arguments: argparse.Namespace) -> list[Case]:
             grid += [replace(link, codec=codec, announced=announced) for codec, announced in ways]
         bad = replace(base, announced=True, loss=0.0)
         grid += [replace(bad, says=says, codec=codec) for says in LIES for codec in ("deadband", "motion-predictive")]
-        grid += [replace(bad, loss=0.05, reach_m=reach) for reach in (0.002, 0.005, 0.01, 0.02)]
         for loss in (0.0, 0.05):
             grid += [replace(base, announced=on, positions="line", loss=loss) for on in (False, True)]
-        viscous = replace(base, scene="example-viscous", loss=0.05)
-        grid += [replace(viscous, codec=codec, announced=on) for codec, on in ways]
     return grid
 
 
-KEY: Final = (
-    "scene", "codec", "announced", "positions", "says", "insertions", "delay_ms", "jitter_ms", "loss",
-    "reach_m",
-)  # fmt: skip
+KEY: Final = ("scene", "codec", "announced", "positions", "says", "delay_ms", "jitter_ms", "loss")
 
 
 def averaged(rows: Sequence[Row]) -> list[Row]:
@@ -211,25 +187,6 @@ def averaged(rows: Sequence[Row]) -> list[Row]:
                 mean[name] = None if value is None else max(values) if "longest" in name else float(np.mean(values))
         made.append(mean)
     return made
-
-
-def show(rows: Sequence[Row]) -> None:
-    """Print the rows as a table."""
-    print(
-        f"{'scene':16}{'codec':32}{'announced':26}{'link':>16}{'reach':>7}   >JND   RMSE longest: wrong, on model"
-        "  energy  forces bytes/s: back, forth"
-    )
-    for row in rows:
-        codec = row["codec"] + (" + announced" if row["announced"] else "")
-        codec += ", line" if row["positions"] == "line" else ""
-        link = f"{row['delay_ms']} ±{row['jitter_ms']} ms {100 * row['loss']:.0f} %"
-        print(
-            f"{row['scene'][:15]:16}{codec:32}{row['says']:26}{link:>16}{1e3 * row['reach_m']:4.0f} mm"
-            f" {100 * row['felt_above_jnd']:5.1f} % {row['felt_rmse_n']:6.3f} {row['longest_wrong_ms']:6.0f} ms"
-            f" {row['longest_wrong_model_ms']:6.0f} ms {1e3 * row['energy_peak_j']:6.2f} mJ {row['forces']:6.0f}"
-            f" {row['feedback_bytes_per_s']:7.0f} {row['forward_bytes_per_s']:7.0f}  models {row['models'] or 0:.0f}"
-            f" corrections {row['corrections'] or 0:.0f} on model {100 * row['on_model']:.0f} %"
-        )
 
 
 def measure(arguments: argparse.Namespace) -> list[Row]:

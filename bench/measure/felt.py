@@ -9,7 +9,9 @@ import argparse
 import itertools
 import statistics
 from collections.abc import Sequence
+from contextlib import ExitStack
 from typing import Any, Final
+from unittest import mock
 
 import numpy as np
 import record
@@ -21,6 +23,7 @@ from hapticnet.experiment.comparison import REPAIR_US
 from hapticnet.experiment.trials import Trial
 from hapticnet.measure.energy import energy_report
 from hapticnet.measure.metrics import FeltReport, error_report
+from hapticnet.node import hand_predictor
 from hapticnet.node.closed_loop import simulate_link
 from hapticnet.perception import WeberLaw
 from hapticnet.scene.sources import make_scene
@@ -49,6 +52,27 @@ FIGURES: Final = (*ERRORS, "created_share", "active_share", "packets_per_s")
 MAIN: Final = ("raw", "deadband", "adaptive-predictive", "motion-predictive")
 """Codecs that are tried with passivity control at the master, too, and with prediction of the hand at the slave; see
 `hapticnet.control.hold` and `hapticnet.node.hand_predictor`."""
+
+ABLATED: Final[dict[str, dict[str, float]]] = {
+    "least squares": {},
+    "the same, forgetting within 0.2 s": {"MEMORY_S": 0.2},
+    "the same, with no limit of the speed": {"FASTEST": 1e9, "LARGEST_SPEED_M_PER_S": 1e9},
+    "a velocity that dies out": {"RIDGE": 1e12},
+}
+"""Predictors of the hand: constants of `node.hand_predictor` that are changed. With the last, nothing is learned."""
+
+
+def ablated(found: Sequence[tuple[str, Trial]], seed: int) -> list[Row]:
+    """Return means for each predictor of the hand, over 25 ms each way, if every force is sent."""
+    rows = []
+    for name, constants in ABLATED.items():
+        with ExitStack() as stack:
+            for constant, value in constants.items():
+                stack.enter_context(mock.patch.object(hand_predictor, constant, value))
+            for kind, trial in found:
+                if trial.scene is not None:
+                    rows.append(felt(trial, kind, "raw", "delay alone", 25, seed, predicted=True) | {"codec": name})
+    return means(rows)
 
 
 def measure(arguments: argparse.Namespace) -> Row:
@@ -82,6 +106,7 @@ def measure(arguments: argparse.Namespace) -> Row:
         "means": means(rows),
         "controlled": means(controlled),
         "predicted": means(predicted),
+        "ablated": ablated(found, seed),
     }
 
 
