@@ -20,7 +20,7 @@ ROWS_AT_ONCE: Final = 10_000
 
 def export(session: Session, path: Path) -> None:
     """Write a recording as its suffix says; FileError if that cannot be, UnavailableError without an extra."""
-    why = {} if session.is_whole else {INCOMPLETE: "the file that it comes from was cut off or damaged"}
+    why = {} if session.is_whole else {INCOMPLETE: "the source file was cut off or damaged"}
     about: dict[str, Any] = {**session.about, **why}
     known = {**about, "side": session.side, "unix_offset_us": session.unix_offset_us}
     try:
