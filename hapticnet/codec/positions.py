@@ -174,7 +174,7 @@ SIGNIFICANT: Final = 25.0
 """How many times its variance the square of an acceleration must be to be promised: noise looks like one, too."""
 
 UNKNOWN_STIFFNESS: Final = 1000.0
-"""Least stiffness [N/m] that is assumed between leaving a box and receiving the next one."""
+"""Stiffness [N/m] that is assumed between leaving a box and receiving the next one, before any is known."""
 
 Difference: TypeAlias = Callable[[Vector], Vector | None]
 """``(place_m) -> force_n``: the force that the master applies at its position minus the force at the places
@@ -233,7 +233,7 @@ class PositionSender:
     line: PromisedLine | None = None
     bound: StiffnessBound | None = None
     _outside: bool = False
-    _stiffest: float = UNKNOWN_STIFFNESS
+    _stiffest: float = 0.0
     _samples: deque[tuple[int, Vector]] = field(default_factory=lambda: deque(maxlen=MOST_SAMPLES))
 
     def set_bound(self, bound: StiffnessBound | None) -> None:
@@ -309,16 +309,17 @@ class PositionSender:
         damper_n = times(x, 0.0)
         changed_n = 0.0
         if damping:
-            followed_velocity = self._followed_velocity(t_us, step_us)
+            followed_velocity = self._followed_velocity(t_us, step_us, outside=outside)
             damper_n = times(minus(velocity, followed_velocity), damping)
-            changed_n = damping * distance(followed_velocity, self._followed_velocity(t_us - step_us, step_us))
+            before = self._followed_velocity(t_us - step_us, step_us, outside=outside)
+            changed_n = damping * distance(followed_velocity, before)
         if stiffening:
             # The springs' part of the force may be larger than the force by that of the dampers.
             most_n = applied_n + changed_n + 2.0 * self.law.threshold_n(applied_n) + damping * magnitude(velocity)
             stiffness += stiffening * most_n
         self._stiffest = max(self._stiffest, stiffness)
         if outside:
-            stiffness = self._stiffest
+            stiffness = self._stiffest or UNKNOWN_STIFFNESS
         elif stiffening:  # dF/dx = k + a·F: over a distance d it grows by exp(a·d)
             stiffness *= math.exp(min(stiffening * (distance(x, followed) + moved_m), 50.0))
         spring_n = times(minus(x, followed), stiffness)
@@ -345,14 +346,19 @@ class PositionSender:
         # The JND belongs to the force at the position, the codec's threshold to the force on the line.
         return away_n + self.law.multiplier * self.law.weber_fraction * size_n
 
-    def _followed_velocity(self, t_us: int, step_us: int) -> Vector:
-        """Return the velocity with which the slave steps its scene [m/s]: the line ends at the sides of the box."""
+    def _followed_velocity(self, t_us: int, step_us: int, *, outside: bool) -> Vector:
+        """Return the velocity with which the slave steps its scene [m/s]: the line ends at the sides of the box.
+
+        `outside`: the tool has left the box, so the slave is about to step along the line in another.
+        """
         line, bound = self.line, self.bound
         assert line is not None and bound is not None  # noqa: S101, PT018 - for the type checker
         if step_us <= 0 or t_us - step_us < line.t_us:
             return line.arriving_m_per_s(step_us)
-        moved_m = minus(bound.nearest(line.at(t_us)), bound.nearest(line.at(t_us - step_us)))
-        return times(moved_m, 1e6 / step_us)
+        now_m, before_m = line.at(t_us), line.at(t_us - step_us)
+        if not outside:
+            now_m, before_m = bound.nearest(now_m), bound.nearest(before_m)
+        return times(minus(now_m, before_m), 1e6 / step_us)
 
     def _tolerance_n(self, applied_n: float, changed_n: float) -> float:
         """Return how far the force on the line may differ from the true one [N].

@@ -159,10 +159,11 @@ def test_a_hand_at_rest_in_free_air_sends_ten_positions_a_second_without_a_veloc
 
 def test_a_side_of_the_box_is_crossed_with_a_position_at_once():
     sender = PositionSender(LAW, 0.25)
-    sender.set_bound(stiff(0.0, -1.0, 0.02))
+    sender.set_bound(StiffnessBound(0.0, 5.0, (-1.0,), (0.02,)))
     hand = [(0.0001 * index,) for index in range(300)]
     lines = played(sender, hand)
     assert lines[201] is not None, "0.0201 m is the first position outside"
+    assert not any(lines[203:]), "the slave is about to follow there, too"
     sender.set_bound(stiff(1000.0, 0.02, 1.0))
     assert sender.payload(300_000, (0.03,), 0.0) is None, "the line is good"
     assert sender.payload(301_000, (0.0315,), 0.0) is not None
