@@ -30,7 +30,8 @@ class _Stream:
         on_a_line: bool,
         predicted: bool,
     ) -> None:
-        self.decoder: Decoder = receiver(codec, axes, predicted=predicted)
+        # Between lines the slave steps where the hand may not be: what it judges there is bounded in any case.
+        self.decoder: Decoder = receiver(codec, axes, predicted=predicted and not on_a_line)
         self.announced: AnnouncedDecoder | None = None
         if stiffest_n_per_m is not None:
             self.decoder = self.announced = AnnouncedDecoder(self.decoder, axes, stiffest_n_per_m, allowance)

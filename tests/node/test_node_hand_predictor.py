@@ -260,6 +260,17 @@ def test_over_jitter_and_loss_it_still_helps():
     assert 5.0 * reports[1].felt_above_8_jnd_fraction < reports[0].felt_above_8_jnd_fraction
 
 
+def test_a_codec_that_follows_a_hand_on_lines_stays_bounded():
+    channel = "delay=60ms,jitter=normal:5ms,loss=10%"
+    for seed in (4, 5):  # without the bound, 32 and 21 N
+        link = hn.virtual_link(
+            scene="paper:1", codec="motion-predictive", forward=channel, feedback=channel, predicted=True,
+            positions="line", seed=seed,
+        )  # fmt: skip
+        link.run(seconds=6.0)
+        assert np.abs(link.master_samples()["held_n"]).max() < 7.0
+
+
 @dataclass
 class Spring:
     """A user's scene, with a method ``copy`` that fails from some call on."""
