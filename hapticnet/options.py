@@ -21,21 +21,21 @@ AUTO: Final = "auto"  # address of the page where none is written
 
 @dataclass(frozen=True, slots=True)
 class Option:
-    """What is said of an option wherever a person meets it."""
+    """The description of an option for every interface."""
 
     help: str  # what it does, for the help of the command line and for the API's page
-    metavar: str | None = None  # what the help calls its value
-    flags: tuple[str, ...] = ()  # its names on the command line, where they do not follow from the parameter's
+    metavar: str | None = None  # the name of its value in the help
+    flags: tuple[str, ...] = ()  # its names on the command line, unless they follow from the parameter's
     variable: str | None = None  # the environment variable that all verbs share
     least: float | None = None
     most: float | None = None
     unit: str = ""  # of its values
-    parser: Callable[[Any], Any] | None = None  # what makes a value of text
+    parser: Callable[[Any], Any] | None = None  # parser of its text
     show_default: bool = True  # whether the help prints the default
     argument: bool = False  # whether it has no name on the command line, only a place
 
     def check(self, name: str, value: Any) -> None:
-        """Raise SettingsError if the value is out of range; `name` is what its user calls the setting."""
+        """Raise SettingsError if the value is out of range; `name` is the user's name for the setting."""
         if value is None or self.least is None or self.most is None:
             return
         if isinstance(self.least, int) and isinstance(self.most, int):
@@ -62,7 +62,7 @@ def check_options(owner: Any) -> None:
 
 
 def described(owner: type[Owner]) -> type[Owner]:
-    """Add what the options of a dataclass mean to its docstring."""
+    """Add the meaning of a dataclass's options to its docstring."""
     declared: dict[str, Any] = vars(owner)["__dataclass_fields__"]
     lines = [
         f"{name} : {_text(field.type)}\n    {option.help}"
@@ -93,16 +93,16 @@ PlotFormat: TypeAlias = Literal["png", "pdf", "svg"]
 
 # Connection and keys.
 Connect: TypeAlias = Annotated[str, Option("Where the slave listens.", "HOST:PORT")]
-Listen: TypeAlias = Annotated[str, Option("Where to listen; port 0 takes a free one.", "HOST:PORT")]
+Listen: TypeAlias = Annotated[str, Option("Where to listen; port 0 means a free one.", "HOST:PORT")]
 ConnectTimeout: TypeAlias = Annotated[
     float | None, Option("Give up when no slave answers for this long.", "SECONDS", least=0.0)
 ]
-Name: TypeAlias = Annotated[str, Option("What the slave's report calls this master.")]
+Name: TypeAlias = Annotated[str, Option("Name of this master in the slave's report.")]
 FastestRate: TypeAlias = Annotated[float, Option("Highest sample rate granted to a master.", "HZ")]
 MostSessions: TypeAlias = Annotated[int, Option("Sessions served at once.", least=1, most=1_000_000)]
 MostSessionsPerKey: TypeAlias = Annotated[
     int,
-    Option("Sessions of one key at once (without keys, of one host), unless the list says.", least=1, most=1_000_000),
+    Option("Sessions of one key at once (without keys, of one host), unless the list does.", least=1, most=1_000_000),
 ]
 Keep: TypeAlias = Annotated[
     float, _seconds("Keep the scene of a silent master this long for its return.", 1.0, 86_400.0)
@@ -134,7 +134,7 @@ KeyPath: TypeAlias = Annotated[
     str | Path | None, Option("This host's key file; default where one is needed: ~/.config/hapticnet/key.toml.")
 ]
 MastersPath: TypeAlias = Annotated[
-    str | Path | None, Option("The file that lists the masters that are served; default: masters.toml beside the key.")
+    str | Path | None, Option("The file that lists the served masters; default: masters.toml beside the key.")
 ]
 KeyArgument: TypeAlias = Annotated[
     Path | None,
@@ -192,7 +192,7 @@ FirstTouch: TypeAlias = Annotated[bool, Option("Find the finger with a press of 
 Scene: TypeAlias = Annotated[
     str,
     Option(
-        "What masters touch: paper, paper:SEED, a preset, FILE.toml, recording:FILE[:COLUMN,…] (a force in its own"
+        "Scene for masters: paper, paper:SEED, a preset, FILE.toml, recording:FILE[:COLUMN,…] (a force in its own"
         " time), or a class of yours with step(sample): FILE.py:CLASS or package.module:CLASS, then :KEY=VALUE,… for"
         " its arguments.",
         "SCENE",
@@ -208,7 +208,7 @@ Predicted: TypeAlias = Annotated[
     bool,
     Option(
         "Ask the slave to answer for where the hand will be when the force arrives, on a copy of its scene, which makes"
-        " up for most of the delay. A hand that turns round is met by a force too early or too late."
+        " up for most of the delay. When the hand turns round, the force comes too early or too late."
     ),
 ]
 Codec: TypeAlias = Annotated[
@@ -229,7 +229,7 @@ AddCodec: TypeAlias = Annotated[
 Weber: TypeAlias = Annotated[float, Option("Weber fraction k: JND = k·|force|. The paper's mean: 0.05.", "FRACTION")]
 Floor: TypeAlias = Annotated[float, Option("Smallest JND; applies where k·|force| is below it.", "NEWTONS")]
 Law: TypeAlias = Annotated[
-    Path | None, Option("The law that 'experiment limits' measured, in place of --weber and --floor.", "FILE")
+    Path | None, Option("The law that 'experiment limits' measured, instead of --weber and --floor.", "FILE")
 ]
 Multiplier: TypeAlias = Annotated[float, Option("Deadband threshold in JNDs. The paper's: 1, 2, 4.")]
 
@@ -302,7 +302,7 @@ Overwrite: TypeAlias = Annotated[bool, Option("Overwrite files that exist.")]
 Quiet: TypeAlias = Annotated[bool, Option("Print only errors and the report.", flags=("--quiet/--no-quiet", "-q"))]
 Duration: TypeAlias = Annotated[float | None, Option("Stop after this many seconds.", "SECONDS", least=0.0)]
 SessionDuration: TypeAlias = Annotated[
-    float | None, Option("Stop this long after connecting; else when the operator is done.", "SECONDS", least=0.0)
+    float | None, Option("Stop this long after connecting; otherwise when the operator is done.", "SECONDS", least=0.0)
 ]
 Seed: TypeAlias = Annotated[int, Option("Seed of the random numbers.", least=0)]
 Jobs: TypeAlias = Annotated[
@@ -313,7 +313,7 @@ RealTime: TypeAlias = Annotated[bool, Option("Use real-time scheduling (SCHED_FI
 
 @dataclass(kw_only=True)
 class SharedMasterOptions:
-    """What the command line and the API set of a master alike."""
+    """Settings of a master common to command line and API."""
 
     peer_key: PeerKey = None
     insecure: Insecure = False
@@ -327,7 +327,7 @@ class SharedMasterOptions:
     passive: Passive = False
 
     def of_node(self) -> dict[str, Any]:
-        """Return those that are settings of the node, by the same names."""
+        """Return the settings of the node, by the same names."""
         of_key = ("peer_key", "insecure")
         names = (name for name in SharedMasterOptions.__dataclass_fields__ if name not in of_key)
         return {name: getattr(self, name) for name in names}
@@ -335,7 +335,7 @@ class SharedMasterOptions:
 
 @dataclass(kw_only=True)
 class SharedSlaveOptions:
-    """What the command line and the API set of a slave alike."""
+    """Settings of a slave common to command line and API."""
 
     listen: Listen = "127.0.0.1:47800"
     insecure: Insecure = False

@@ -1,7 +1,7 @@
-"""Who gets a session at a slave, who gives way when there are none left, and whose scene is stepped between positions.
+"""Admission at a slave: grant sessions, evict silent ones, and limit the steps between positions.
 
-Each question about places is answered by a look at all sessions: at most `most_sessions`, and only for the few requests
-a second that `HelloFilter` lets through. Only `next_expiry_us` is asked after each datagram, and therefore kept.
+Each question about places is answered by scanning all sessions: at most `most_sessions`, and only for the few requests
+a second that `HelloFilter` lets through. Only `next_expiry_us` is needed after each datagram, so it is cached.
 """
 
 from collections import Counter
@@ -46,7 +46,7 @@ class NoSeatError(HapticnetError):
 
 
 class SessionTable:
-    """The present sessions of a slave: `by_number` has them in the order in which they came. Read it only."""
+    """The present sessions of a slave: `by_number` has them in order of arrival, read-only."""
 
     def __init__(self, settings: SessionSettings) -> None:
         self.by_number: dict[int, SlaveContext] = {}
@@ -54,7 +54,7 @@ class SessionTable:
         self._came = 0
         self._order: dict[SlaveContext, int] = {}
         self._now_us = 0
-        self._expiry_us: int | None = None  # before it no session expires; None: there is no session
+        self._expiry_us: int | None = None  # time of the next expiry; None without a session
 
     def __len__(self) -> int:
         return len(self.by_number)
@@ -87,7 +87,7 @@ class SessionTable:
             self._expiry_us = None
 
     def in_order(self, contexts: Iterable[SlaveContext]) -> list[SlaveContext]:
-        """Return present sessions in the order in which they came."""
+        """Return present sessions in order of arrival."""
         return sorted(contexts, key=self._order.__getitem__)
 
     def expired(self, now_us: int) -> list[SlaveContext]:
@@ -100,7 +100,7 @@ class SessionTable:
         return expired
 
     def next_expiry_us(self) -> int | None:
-        """Return when to ask for expired sessions next [µs]; None if there is no session."""
+        """Return when the next session may expire [µs]; None if there is no session."""
         return self._expiry_us
 
     def users_of(self, scene: Touchable) -> list[SlaveContext]:
@@ -110,15 +110,15 @@ class SessionTable:
     def eviction_candidate(
         self, identity: Hashable, most: int, besides: Collection[SlaveContext], now_us: int
     ) -> SlaveContext | None:
-        """Return the session that must end so that `identity` gets another one; None if there is a free place.
+        """Return the session to evict so that `identity` gets another one; None if a place is free.
 
-        A session whose master is silent gives way to another one of the same identity that holds all its places, or,
-        when all places are taken, to an identity that holds fewer: first a session of the identity that holds most, and
-        of these the one that has been silent for longest. So an identity with many places cannot shut out the others.
-        Raise NoSeatError if no session may be ended.
+        A session with a silent master is evicted for another one of the same identity if that holds all its places, or,
+        when all places are taken, for an identity that holds fewer: first from the identity that holds most, and
+        of these the longest silent one. So an identity with many places cannot shut out the others.
+        Raise NoSeatError if none may be evicted.
 
         `most`: places that this identity may hold.
-        `besides`: sessions of this identity that hold no place.
+        `besides`: further sessions of this identity without a place.
         """
         self.see(now_us)
         taken = [each for each in self.by_number.values() if each.seated and each not in besides]
@@ -150,10 +150,10 @@ class SessionTable:
     def to_continue(
         self, identity: Hashable, name: str, ticket: bytes | None, now_us: int
     ) -> tuple[SlaveContext, bool] | None:
-        """Return the session whose scene a new one goes on with, and whether its own master asks; None without one.
+        """Return the session whose scene a new one continues, and whether its own master asks; None without one.
 
         That is the session of the ticket, or the one that the session of the ticket was to continue; without a ticket,
-        one of the same identity and name. Another master than its own (one that was restarted) gets only the scene of a
+        one of the same identity and name. A different (restarted) master gets only the scene of a
         session whose link is stale.
         """
         self.see(now_us)
@@ -183,14 +183,14 @@ EACH_HZ: Final = 4_000
 
 ALL_HZ: Final = 12_000  # steps between positions a second for all
 MOST_AT_ONCE: Final = 8
-"""Steps in a row before positions that have arrived meanwhile are answered: they wait for half a millisecond."""
+"""Most steps in a row before newly arrived positions are answered: these wait for half a millisecond."""
 
 
 class LineSteps:
-    """When scenes are stepped between positions that are sent only when they matter, and how often at most.
+    """Schedule and limit of steps between positions that are sent only when they matter.
 
-    A line takes its master ten datagrams a second, and the slave as many steps as the session's rate says. Every step
-    that is not paid for by a datagram therefore counts toward a limit, for each identity and in all. Where a limit is
+    A line takes its master ten datagrams a second, and the slave the steps of the session's rate. Every step
+    without a datagram therefore counts toward a limit, for each identity and in all. Where a limit is
     reached, the sessions of that identity, or all, are stepped at every second, third, … of their times, and all
     positions that arrive are still answered.
     """
@@ -199,10 +199,10 @@ class LineSteps:
         self._steps_us: dict[SlaveContext, int] = {}  # when each is to be stepped
         self._rates_hz: dict[SlaveContext, int] = {}
         self._asked_hz: dict[Hashable, int] = {}  # by identity
-        self._all_hz = 0  # what the identities get, together, if that is not above the limit
+        self._all_hz = 0  # total of the identities' steps, up to the limit
 
     def note(self, context: SlaveContext) -> None:
-        """Note that a session was answered, so that it is to be stepped at another time."""
+        """Note that a session was answered, which changes its next step."""
         reckoning = context.reckoning
         if reckoning is None or reckoning.next_step_us() is None:  # it waits for a position: others may be stepped more
             self.forget(context)
@@ -225,7 +225,7 @@ class LineSteps:
             self._steps_us.pop(context, None)
 
     def due(self, now_us: int) -> list[SlaveContext]:
-        """Return the sessions to step now, those first that wait for longest; call `note` after each step."""
+        """Return the sessions to step now, the longest waiting first; call `note` after each step."""
         steps_us = self._steps_us
         due = sorted((each for each, step_us in steps_us.items() if step_us <= now_us), key=steps_us.__getitem__)
         for context in due[:MOST_AT_ONCE]:
@@ -233,11 +233,11 @@ class LineSteps:
         return due[:MOST_AT_ONCE]
 
     def earliest_us(self) -> int | None:
-        """Return when a session is to be stepped next [µs]; None if there is none."""
+        """Return the time of the next step [µs]; None if there is none."""
         return min(self._steps_us.values(), default=None)
 
     def _ask(self, identity: Hashable, more_hz: int) -> None:
-        """Note that an identity has sessions of more, or fewer, steps a second in all."""
+        """Note a change of an identity's steps a second."""
         before_hz = self._asked_hz.get(identity, 0)
         after_hz = before_hz + more_hz
         self._all_hz += min(after_hz, EACH_HZ) - min(before_hz, EACH_HZ)
@@ -248,14 +248,14 @@ class LineSteps:
 
 
 SMALLEST_SESSION: Final = 1 << 16
-"""Smallest session number: from here on all take five bytes, so datagram sizes do not depend on chance."""
+"""Smallest session number: all larger ones take five bytes, so datagram sizes do not depend on chance."""
 
 MakeScene: TypeAlias = Callable[[MasterEntry | None], Touchable]
 """Makes a scene, for a master of the list or an open session."""
 
 
 class RefusalError(HapticnetError):
-    """A request that cannot be served."""
+    """The refusal of a request."""
 
     def __init__(self, code: Code, reason: str) -> None:
         super().__init__(reason)
@@ -278,7 +278,7 @@ class Admission:
         self._settings = settings
         self._rng = rng
         self._times = times
-        self.takes_new = True  # masters, besides those that go on with the scene of a session
+        self.takes_new = True  # masters, without those that continue the scene of a session
 
     def admit(
         self, visitor: Visitor, sequence: int, address: Address, host: Hashable, seats: SessionTable, now_us: int
@@ -293,7 +293,7 @@ class Admission:
         found = seats.to_continue(identity, request.name, request.ticket, now_us)
         old, same_clock = (None, False) if found is None else found
         if old is None and not self.takes_new:
-            raise RefusalError(Code.STOPPING, "this slave is about to stop: ask another one, or again later")
+            raise RefusalError(Code.STOPPING, "this slave is about to stop: ask another one, or try again later")
         most = timings.most_per_identity if entry is None or entry.most_sessions is None else entry.most_sessions
         try:
             seats.eviction_candidate(identity, most, () if old is None else (old,), now_us)
@@ -304,10 +304,10 @@ class Admission:
             raise RefusalError(
                 Code.AXES, f"the master has {axes_of(request.axes)}; scene {scene.name!r} has {scene.axes}"
             )
-        # Only a scene that says how its force may change is stepped at positions that the master did not send.
+        # Only a scene with a stiffness bound is stepped at positions that the master did not send.
         says = request.announced and self._settings.announces
         announced = says and look_ahead_of(scene) is not None
-        # A codec that follows the hand's own position would be judged where a robot is that moves ahead.
+        # A codec that follows the hand's own position would be judged at the place of a robot that moves ahead.
         may_lead = lead_limit_n(scene) > 0.0 and not codec.needs_position and not announced
         predicted = request.predicted and (copy_method(scene) is not None or may_lead)
         share = request.position_share if bound_method(scene) is not None else 0.0
@@ -368,7 +368,7 @@ class Admission:
 
 
 def identity_of(visitor: Visitor, host: Hashable) -> Hashable:
-    """Return whom a session counts for: a public key or, without keys, a host."""
+    """Return the identity of a session: a public key or, without keys, a host."""
     return host if visitor.entry is None else visitor.entry.public
 
 

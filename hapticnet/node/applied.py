@@ -1,4 +1,4 @@
-"""The force that a master applies: decoded from what arrives, held in between, and how old it is.
+"""The force that a master applies: decoded from updates, held in between, with its age.
 
 A change of session is not felt: the forces of the old session are applied until the first of the new one arrives.
 """
@@ -38,8 +38,8 @@ class _Stream:
         self.line_decoder = LineDecoder(codec, axes, stiffest_n_per_m, allowance) if on_a_line else None
         self.heard_us: int | None = None  # when the newest force arrived [µs], and its time stamp
         self.heard_t_us = 0
-        self._late: list[tuple[int, ForceArrived]] = []  # models taken in and not applied yet, with their numbers
-        self._asked: Decoder | None = None  # the decoder of which it is known whether it predicts
+        self._late: list[tuple[int, ForceArrived]] = []  # received models that are not applied yet, with their numbers
+        self._asked: Decoder | None = None  # the decoder that was last tested for prediction
         self._predicts = False
 
     @property
@@ -49,26 +49,26 @@ class _Stream:
 
     @property
     def rendering(self) -> Decoder:
-        """What the force comes from: the decoder of the codec, or that of the model."""
+        """The source of the force: the decoder of the codec, or of the model."""
         return self.decoder if self.announced is None else self.announced.rendering
 
     @property
     def predicts(self) -> bool:
-        """Whether it can be asked for a force to come."""
+        """Whether it can predict forces."""
         decoder = self.rendering
-        if decoder is not self._asked:  # a question that takes long
+        if decoder is not self._asked:  # a slow check
             self._asked, self._predicts = decoder, isinstance(decoder, Predictive)
         return self._predicts
 
     def move(self, now_us: int, position_m: Vector) -> int | None:
-        """Move the tool; return which layers of an announced model are pierced, or None if nothing is announced."""
+        """Move the tool; return the pierced layers of an announced model, or None if nothing is announced."""
         if self.announced is None:
             return None
         self.announced.move(now_us, position_m)
         return self.announced.state
 
     def decode(self, event: ForceArrived) -> bool:
-        """Take in a force that has arrived; return whether it is applied now, or later (`caught_up`), if at all."""
+        """Receive a force; return whether it is applied now, or later (`caught_up`), if at all."""
         late = self._late
         if late and distance(event.sequence, late[-1][1].sequence) <= 0:  # overtaken by a model
             return False
@@ -76,7 +76,7 @@ class _Stream:
         if self.line_decoder is not None:
             self.line_decoder.decode(event.t_us, event.payload)
         if self.announced is not None and self.announced.settled != self.announced.taken:
-            late[1:] = [(self.announced.taken, event)]  # of those that wait for the first one, only the newest is kept
+            late[1:] = [(self.announced.taken, event)]  # of the waiting models, only the newest is kept
             return False
         late.clear()
         return True
@@ -89,7 +89,7 @@ class _Stream:
         return newest
 
     def time_us(self, now_us: int, period_us: int) -> int:
-        """Return the time [µs] of the newest position whose answer could have arrived by now.
+        """Return the time [µs] of the newest position whose answer may have arrived.
 
         A prediction for that time is not contradicted; the answer to the next position comes within this period.
         """
@@ -100,14 +100,14 @@ class _Stream:
 
 
 class Applied(NamedTuple):
-    """A force that is applied now, and whether the session before has been applied until now."""
+    """A newly applied force, and whether it replaces one of the previous session."""
 
     event: ForceArrived
     begins: bool
 
 
 class AppliedForce:
-    """The force that is applied: that of the newest session of which one has arrived, and the hold behind it."""
+    """The force that is applied: from the newest session with a force, and its hold."""
 
     def __init__(self, codec: Codec, settings: HoldSettings, axes: int) -> None:
         self.received_n: Vector = (0.0,) * axes  # force [N] of all axes as the decoder reconstructs it
@@ -116,15 +116,15 @@ class AppliedForce:
         self._axes = axes
         self._allowance = Allowance()
         self._stream = _Stream(codec, axes, None, self._allowance, on_a_line=False, predicted=False)
-        self._next: _Stream | None = None  # that of a session which has sent no force yet
+        self._next: _Stream | None = None  # the path of a session that has sent no force yet
         self._predictor = ForcePredictor(axes)
         self._hold = Hold(settings, axes=axes)
         self._position_m: Vector | None = None  # of the newest tick, and its time
         self._position_us = 0
         self._at_us = 0  # time for which the decoder was asked last
-        # returns the force being held [N] at a time [µs], decayed where the link is stale
-        self.value = self._hold.value  # without another call, because every tick takes it
-        self._valid_t_us = 0  # time of the newest position for which what is applied is known to be right
+        # returns the held force [N] at a time [µs], decayed if the link is stale
+        self.value = self._hold.value  # bound once, because every tick calls it
+        self._valid_t_us = 0  # time of the newest position for which the applied force is known to be right
 
     @property
     def on_model(self) -> bool:
@@ -134,10 +134,10 @@ class AppliedForce:
     def begin(
         self, codec: Codec, stiffest_n_per_m: float | None = None, *, on_a_line: bool = False, predicted: bool = False
     ) -> bool:
-        """Begin a session: the one before is applied until the first force arrives. Return whether there is none.
+        """Begin a session; the previous one is applied until the first force arrives. Return whether there is none.
 
         `stiffest_n_per_m` is the limit of models of the contact ahead [N/m]; None if nothing is announced. `on_a_line`
-        tells whether positions are sent only when they matter, `predicted` whether forces are those where the hand will
+        says whether positions are sent only when they matter, `predicted` whether forces are those where the hand will
         be.
         """
         self._next = _Stream(
@@ -149,16 +149,16 @@ class AppliedForce:
         return True
 
     def move(self, now_us: int, position_m: Vector) -> int | None:
-        """Move the tool; return what the slave must know of an announced model, or None if nothing is announced."""
+        """Move the tool; return an announced model's state for the slave, or None if nothing is announced."""
         state = self._stream.move(now_us, position_m)
         return state if self._next is None else self._next.move(now_us, position_m)
 
     def difference(self, now_us: int, period_us: int, position_m: Vector) -> Difference | None:
-        """Return how what is applied depends on where the tool has been; None if it does not."""
+        """Return the function of positions that the applied force follows; None if it depends on none."""
         stream, decoder = self._stream, self._stream.rendering
         line_decoder = stream.line_decoder
         if isinstance(decoder, BoundedDecoder):
-            decoder = decoder.inner  # the bound is no difference that a position could mend
+            decoder = decoder.inner  # a position cannot correct the difference that the bound makes
         if line_decoder is None or not isinstance(decoder, Predictive):
             return None
         at_us = stream.time_us(now_us, period_us)
@@ -166,7 +166,7 @@ class AppliedForce:
         return lambda place_m: line_decoder.difference(here_n, at_us, place_m, now_us)
 
     def follow(self, now_us: int, period_us: int, place_m: Vector | None) -> None:
-        """Note where the slave takes the tool to be; None if it does not follow a line."""
+        """Note the tool's position as the slave assumes it; None if it does not follow a line."""
         for stream in (self._stream, self._next):
             if stream is not None and stream.line_decoder is not None and place_m is not None:
                 stream.line_decoder.move(stream.time_us(now_us, period_us), place_m, now_us)
@@ -195,29 +195,29 @@ class AppliedForce:
             self._go_on_with(stream)
         self.received_n = stream.decoder.reconstruct(event.t_us, self._position_m, self._position_us)
         self._hold.receive(self.received_n, now_us)
-        if not stream.on_model:  # a model's force is that of now
+        if not stream.on_model:  # a model's force belongs to the present
             self._predictor.learn(event.t_us, self.received_n)
         self._valid_t_us = event.t_us
         return Applied(event, begins)
 
     def confirm(self, event: HoldConfirmed, now_us: int) -> None:
-        """Note that what is applied was still right at a position."""
-        # What is held of an earlier session is not confirmed by a new one.
+        """Note that the applied force was still right at a position."""
+        # A new session does not confirm the held force of an earlier one.
         if self._stream.heard_us is not None and event.is_parting == (self._next is not None):
             self._hold.confirm(now_us)
             self._valid_t_us = event.t_us
 
     def keep(self, kept: bool) -> None:
-        """Set whether the stimulus stays though it grows old: it is small, and what follows it must not have to rise.
+        """Set whether the stimulus is kept at any age, because it is small, and its successor must not have to rise.
 
-        Its age goes on: once it is not kept any more, no more of it is applied than of any stimulus of that age.
+        It still ages: once it is no longer kept, it decays like any stimulus of that age.
         """
         self._hold.kept = kept and self._stream.heard_us is not None
 
     def advance(self, now_us: int, period_us: int, position_m: Vector | None) -> None:
-        """Follow the decoder for a tick at a position. A user's codec may raise anything."""
+        """Update the held force from the decoder for a tick at a position. A user's codec may raise anything."""
         self._position_m, self._position_us = position_m, now_us
-        if self._next is not None and position_m is not None:  # it must know the motion when its first force arrives
+        if self._next is not None and position_m is not None:  # it needs the motion when its first force arrives
             self._next.decoder.reconstruct(now_us, position_m, now_us)
         stream = self._stream
         if stream.heard_us is None:
@@ -247,10 +247,10 @@ class AppliedForce:
 
     def _predict(self, lead_us: int, position_m: Vector) -> Vector:
         """Return what the decoder predicts [N] for a position [m] ahead."""
-        decoder: Any = self._stream.rendering  # one that predicts
+        decoder: Any = self._stream.rendering  # the decoder predicts
         force_n: Vector = decoder.predict(self._at_us + lead_us, position_m, self._position_us + lead_us)
         return force_n
 
     def release(self) -> None:
-        """Let the force go to zero; it rises from there."""
+        """Set the force to zero; it rises from there."""
         self._hold.release()

@@ -1,8 +1,8 @@
-"""What a hand feels over a network: the force that is applied at each tick, beside the true force of that tick.
+"""What a hand feels over a network: the applied force at each tick, compared with the true force.
 
 A position takes time to reach the slave, and the force that it causes takes time to come back. Meanwhile the hand moves
-on. The error of a codec does not show that; this measure does. It needs the recording of a hand: its positions, and the
-true force of each. Sessions, keepalives and the decay of a stale link are left out, so that the codec's share is seen.
+on. The error of a codec does not show this; this measure does. It needs a recorded hand: its positions, and the
+true force of each. Sessions, keepalives and the decay of a stale link are omitted, to show the codec's share.
 """
 
 from typing import Final, NamedTuple
@@ -25,10 +25,10 @@ POSITION_BYTES: Final = 20  # size of a datagram with a position [B], for a bott
 
 
 class Felt(NamedTuple):
-    """What was sent and applied over a network."""
+    """Messages and applied forces over a network."""
 
-    applied: FloatArray  # stimulus [N] applied at each tick, after all that has arrived by then, shape (n, a)
-    sent: int  # updates sent, and those that the decoder took in
+    applied: FloatArray  # stimulus [N] applied at each tick, after all arrivals so far, shape (n, a)
+    sent: int  # updates sent, and those that the decoder received
     received: int
 
 
@@ -60,7 +60,7 @@ def simulate_link(
     `repair_us`: time [µs] after which the slave knows that an update was lost. It then sends the next stimulus, unless
     a later update got through.
     `scene`: what the hand touches, at rest: the slave answers for where the hand will be, on a copy of it; None: for
-    where it was.
+    its last position.
     Raise SampleError if the codec refuses a sample.
     """
     link = _Link(codec, t_us, stimuli, positions, forward, feedback, repair_us, rng, scene)
@@ -105,7 +105,7 @@ class _Link:
         self._repair_us = repair_us
         self._newest = -1
         self._missing_since_us: int | None = None
-        self._heard: tuple[int, int] | None = None  # the time of the newest update, and when it came
+        self._heard: tuple[int, int] | None = None  # the time of the newest update, and its arrival
         self.sent = self.received = 0
         self._named = 0
         self._scene = scene
@@ -114,7 +114,7 @@ class _Link:
         self._round_trip = RoundTrip()
 
     def tick(self, index: int) -> Vector:
-        """Send the position of a tick, process all that arrives until then, and return what is applied."""
+        """Send the position of a tick, process all arrivals so far, and return the applied force."""
         now_us = self._times_us[index]
         self._forward.push((index, self._named), POSITION_BYTES, now_us)
         while True:
@@ -128,7 +128,7 @@ class _Link:
             for update in self._feedback.due(due_us):
                 self._receive(update, due_us)
         at_us = now_us
-        if self._heard is not None:  # a prediction for the newest position that can have been answered by now
+        if self._heard is not None:  # a prediction for the newest position that may have been answered
             t_us, heard_us = self._heard
             at_us = t_us + now_us - heard_us
         return self._decoder.reconstruct(at_us, self._positions[index], now_us)
@@ -170,7 +170,7 @@ class _Link:
             return
         try:
             self._decoder.decode(update.t_us, update.payload)
-        except PeerError:  # it builds on an update that was lost
+        except PeerError:  # it builds on a lost update
             if self._missing_since_us is None:
                 self._missing_since_us = now_us
             return

@@ -66,10 +66,10 @@ def pack_model(layers: Sequence[LayerAhead], axes: int) -> bytes:
 
 
 def unpack_model(payload: bytes, axes: int, stiffest_n_per_m: float) -> tuple[LayerAhead, ...]:
-    """Return the layers that a payload announces. Raise PeerError if it is malformed, or says what is not allowed."""
+    """Return the layers that a payload announces. Raise PeerError if it is malformed, or contains forbidden values."""
     try:
         if payload[:1] != OF_MODEL or payload[1] > MOST_LAYERS:
-            raise PeerError(f"payload {payload[:2].hex()}…: no model of at most {MOST_LAYERS} layers")
+            raise PeerError(f"payload {payload[:2].hex()}…: not a model of at most {MOST_LAYERS} layers")
         layers, at = [], 2
         for _ in range(payload[1]):
             layer, at = _unpack_layer(payload, at, axes)
@@ -97,43 +97,43 @@ def _unpack_layer(payload: bytes, at: int, axes: int) -> tuple[LayerAhead, int]:
 
 
 def with_state(state: int, payload: bytes) -> bytes:
-    """Return the payload of a POSITION behind which layers of the model are pierced there."""
+    """Return the payload of a POSITION after the byte of the model's pierced layers."""
     return bytes([state]) + payload
 
 
 def read_state(payload: bytes) -> tuple[int, bytes]:
-    """Return which layers are pierced and the payload of the position; PeerError if there is nothing."""
+    """Return the pierced layers and the payload of the position; PeerError if it is empty."""
     if not payload:
         raise PeerError("a position without a state")
     return payload[0], payload[1:]
 
 
 MOST_REMEMBERED: Final = 1024
-"""Positions that are remembered: those of a second at 1 kHz. The oldest force that is applied is as old."""
+"""Positions that are remembered: those of a second at 1 kHz. The oldest applied force has this age."""
 
 MOST_PLAYED: Final = 256
-"""Largest cost of the past that is played to models between two positions: up to 0.35 ms of CPU time. It is that of 64
+"""Largest cost of replaying past positions to models between two positions: up to 0.35 ms of CPU time, the cost of 64
 positions for three layers: at 1 kHz, a model that is a round trip of 100 ms old is applied one position late."""
 
-COST_OF_BEGINNING: Final = 5  # to begin a model costs as much as to step it through so many positions
+COST_OF_BEGINNING: Final = 5  # starting a model costs as much as this many steps
 
 
 class Allowance:
-    """What may still be played of the past before the next position, at 1 a position and 1 for each of its layers."""
+    """Remaining allowance for replay before the next position, at 1 a position and 1 for each of its layers."""
 
     def __init__(self) -> None:
         self.left = MOST_PLAYED
         self._t_us: int | None = None
 
     def renew(self, t_us: int) -> None:
-        """Allow as much again from the position of a time on; without effect for the same time."""
+        """Renew the allowance at the position of a time; without effect for the same time."""
         if t_us != self._t_us:
             self._t_us, self.left = t_us, MOST_PLAYED
 
 
 @dataclass(slots=True)
 class _Late:
-    """A model that is still to be played positions of the past, and its number."""
+    """A model that still needs past positions, and its number."""
 
     number: int
     model: ContactModel
@@ -144,17 +144,17 @@ class _Late:
 class AnnouncedDecoder:
     """A codec's decoder, and the model that replaces it while it is the newest update. Satisfies `Decoder`.
 
-    A model belongs to a position that is a round trip old. The positions since are played to it before it is applied,
-    so that a surface that was breached meanwhile is. If they cost more than the allowance, the rest is played at the
-    next positions, and what was applied before goes on. A model that arrives meanwhile waits, and replaces one that
+    A model belongs to a position that is a round trip old. Later positions are replayed to it before it is applied,
+    so that it includes breaches since then. If they cost more than the allowance, the rest is replayed at the
+    next positions, and the previous force continues. A model that arrives meanwhile waits, and replaces one that
     waits already.
 
-    `allowance`: one that is shared with other decoders, which are moved at the same times; None: its own.
+    `allowance`: shared with other decoders that move at the same times; None: its own.
     """
 
     def __init__(self, inner: Decoder, axes: int, stiffest_n_per_m: float, allowance: Allowance | None = None) -> None:
         # number of the newest model that was applied or replaced by a payload of the codec
-        self.taken = self.settled = 0  # models taken in. Each has the number that this was then.
+        self.taken = self.settled = 0  # count of received models, which gives each its number
         self._inner = inner
         self._axes = axes
         self._stiffest = stiffest_n_per_m
@@ -171,7 +171,7 @@ class AnnouncedDecoder:
 
     @property
     def rendering(self) -> Decoder:
-        """What the applied force comes from: this decoder on a model, else that of the codec."""
+        """The source of the applied force: this decoder on a model, else the codec's."""
         return self._inner if self._model is None else self
 
     @property
@@ -180,7 +180,7 @@ class AnnouncedDecoder:
         return 0 if self._model is None else self._model.state
 
     def move(self, t_us: int, position: Vector, state: int | None = None) -> None:
-        """Move the tool, in order of time; `state`: which layers are pierced there, where somebody knows better."""
+        """Move the tool, in order of time; `state`: the pierced layers there, if known."""
         if self._trail and (t_us < self._trail[-1][0] or self._trail[-1] == (t_us, position)):
             return
         self._trail.append((t_us, position))
@@ -195,7 +195,7 @@ class AnnouncedDecoder:
             self._catch_up()
 
     def decode(self, t_us: int, payload: bytes) -> None:
-        """Take in a payload. See `Decoder.decode`."""
+        """Process a payload. See `Decoder.decode`."""
         if payload[:1] == OF_CODEC:
             self._inner.decode(t_us, payload[1:])
             self._model = self._late = self._waiting = None
@@ -209,7 +209,7 @@ class AnnouncedDecoder:
         self._catch_up()
 
     def _catch_up(self) -> None:
-        """Play the past to what was taken in, as far as it is allowed; apply a model that has caught up."""
+        """Replay past positions to received models within the allowance; apply a model that has caught up."""
         allowance = self._allowance
         while allowance.left > 0:
             late = self._late
@@ -239,44 +239,44 @@ class AnnouncedDecoder:
         return self._inner.reconstruct(t_us, position, position_us)
 
     def predict(self, t_us: int, position: Vector, position_us: int) -> Vector:
-        """Return the force of the model at a position and time to come. See `Predictive`; asked only on a model."""
+        """Return the force of the model at a future position and time. See `Predictive`; asked only on a model."""
         return self.reconstruct(t_us) if self._model is None else self._model.predict(position_us, position)
 
 
 class LineDecoder:
-    """A second decoder of a session, which is where the slave takes the tool to be: on the line that was promised.
+    """A second decoder of a session, at the tool's position as the slave assumes it, on the promised line.
 
-    The slave judges what its decoder applies there, and one that knows the position applies something else at the tool.
+    The slave judges the force there, which differs from the force at the tool if the decoder follows the position.
 
-    `allowance`: that of the master's own decoder, which may therefore apply a model some positions earlier.
+    `allowance`: shared with the master's own decoder, which may therefore apply a model some positions earlier.
     """
 
     def __init__(self, codec: Codec, axes: int, stiffest_n_per_m: float | None, allowance: Allowance) -> None:
         self._announced: AnnouncedDecoder | None = None
-        # A decoder that does not know the position applies the same everywhere.
+        # A decoder that does not use the position applies the same force everywhere.
         self._decoder: Decoder | None = codec.decoder(axes) if codec.needs_position else None
         if stiffest_n_per_m is not None:
             inner = self._decoder or codec.decoder(axes)
             self._decoder = self._announced = AnnouncedDecoder(inner, axes, stiffest_n_per_m, allowance)
 
     def decode(self, t_us: int, payload: bytes) -> None:
-        """Take in a payload that the master's own decoder has taken in."""
+        """Process a payload after the master's own decoder."""
         if self._decoder is None:
             return
         try:
             self._decoder.decode(t_us, payload)
-        except PeerError:  # a model, but this decoder has not been anywhere yet
+        except PeerError:  # a model, but this decoder has no position yet
             return
 
     def move(self, t_us: int, place_m: Vector, place_us: int) -> None:
-        """Note where the slave takes the tool to be: to be called at each tick."""
+        """Note the tool's position as the slave assumes it; call this at each tick."""
         if self._announced is not None:
             self._announced.move(place_us, place_m)
         if self._decoder is not None:
             self._decoder.reconstruct(t_us, place_m, place_us)
 
     def difference(self, here_n: Vector, t_us: int, place_m: Vector, place_us: int) -> Vector | None:
-        """Return by how much `here_n` differs from the force at a place [N]; None if that cannot be."""
+        """Return the difference of `here_n` from the force at a place [N]; None if there can be none."""
         decoder = self._decoder if self._announced is None else self._announced.rendering
         if not isinstance(decoder, Predictive):
             return None
@@ -285,7 +285,7 @@ class LineDecoder:
 
 GROWTH: Final = 1.3
 MARGIN_N: Final = 0.5
-"""The bound is this factor times the largest force that was answered lately, plus this force [N]: what a hand can add
+"""The bound is this factor times the largest force answered recently, plus this force [N], which a hand can add
 within a round trip. bench/measure/felt.py compares values."""
 
 LATELY_US: Final = 1_000_000  # how far back [µs] answered forces count, and positions are remembered
@@ -301,8 +301,8 @@ class BoundedDecoder:
     The force of the same updates at positions that are a round trip old is known to be right: the slave would have
     contradicted it. What is applied stays near the largest of these forces.
 
-    A second decoder, which is told the same updates, is where the newest answered position was: at the time that the
-    first is asked for (`Decoder.reconstruct`).
+    A second decoder gets the same updates, and is at the newest answered position, at the time for which the
+    first is asked (`Decoder.reconstruct`).
 
     `free_us`: nothing is bounded while the newest answered position is at most so old [µs].
     """
@@ -314,10 +314,10 @@ class BoundedDecoder:
         self._times_us: list[int] = []  # of positions of the last second
         self._positions_m: list[Vector] = []
         self._forces: deque[tuple[int, float]] = deque()  # answered ones; each is larger than those after it
-        self._bound_n = MARGIN_N  # largest magnitude that may be applied now
+        self._bound_n = MARGIN_N  # largest magnitude allowed now
 
     def decode(self, t_us: int, payload: bytes) -> None:
-        """Take in a payload. See `Decoder.decode`."""
+        """Process a payload. See `Decoder.decode`."""
         self.inner.decode(t_us, payload)
         if self._answered_us is None:
             end = bisect_right(self._times_us, t_us)
@@ -334,14 +334,14 @@ class BoundedDecoder:
         now_us = t_us if position_us is None else position_us
         self._move(now_us, position)
         self._is_free = now_us - t_us <= self._free_us
-        if self._answered_us is not None and t_us >= self._answered_us:  # jitter may take the time back
+        if self._answered_us is not None and t_us >= self._answered_us:  # jitter may move the time back
             self._answered_us = t_us
             answered_m = self._positions_m[max(bisect_right(self._times_us, t_us) - 1, 0)]
             self._note(self._behind.reconstruct(t_us, answered_m, t_us), now_us)
         return self._limited(force_n)
 
     def _move(self, t_us: int, position_m: Vector) -> None:
-        """Note where the tool is."""
+        """Note the position of the tool."""
         if self._times_us and t_us <= self._times_us[-1]:
             return
         self._times_us.append(t_us)
@@ -366,17 +366,17 @@ class BoundedDecoder:
 
 
 class BoundedPredictingDecoder(BoundedDecoder):
-    """A bounded decoder that can be asked for the future. Satisfies `Predictive`."""
+    """A bounded decoder that can predict. Satisfies `Predictive`."""
 
     def predict(self, t_us: int, position: Vector, position_us: int) -> Vector:
-        """Return the stimulus of a time to come. See `Predictive`."""
+        """Return the stimulus at a future time. See `Predictive`."""
         return self._limited(cast("Predictive", self.inner).predict(t_us, position, position_us))
 
 
 def receiver(codec: Codec, axes: int, *, predicted: bool = False) -> Decoder:
-    """Return a decoder for what is applied: a bounded one if the codec follows the receiver's own position.
+    """Return the decoder to apply: a bounded one if the codec follows the receiver's own position.
 
-    `predicted`: whether the slave judges what is applied where it expects the hand to be now, and not where it was. It
+    `predicted`: whether the slave judges the force at the hand's expected position instead of its last one. It
     expects no further than `LONGEST_AHEAD_US`.
     """
     if not codec.needs_position:

@@ -1,4 +1,4 @@
-"""What master and slave report to the program that runs them, and which settings are in force at a master."""
+"""Events of master and slave for the program that runs them, and the settings in force at a master."""
 
 from collections import deque
 from dataclasses import asdict, dataclass, replace
@@ -22,12 +22,12 @@ from hapticnet.protocol.states import (
 )
 
 CHANGES_KEPT: Final = 1000
-"""Changes that a node keeps; of more, the oldest are dropped. A slider on the page makes dozens a second."""
+"""Changes that a node keeps; beyond that, the oldest are dropped. A slider on the page makes dozens a second."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SettingsInForce:
-    """What is in force from the first force applied with it, all of it: at the first session and after each change."""
+    """All settings in force, from the first force applied under them: at the first session and after each change."""
 
     # the feedback codec and the JND. With a `position_share` the codec has the rest of the JND.
     codec: str
@@ -62,15 +62,15 @@ class SettingsInForce:
 
 
 class InForce:
-    """Keep what is in force, and what was."""
+    """Settings in force and their history."""
 
     def __init__(self) -> None:
-        self.history: deque[tuple[int, SettingsInForce]] = deque(maxlen=CHANGES_KEPT)  # when [µs] and what; newest last
+        self.history: deque[tuple[int, SettingsInForce]] = deque(maxlen=CHANGES_KEPT)  # [µs] and settings; newest last
         self._session: SettingsInForce | None = None
         self._channels: tuple[str | None, str | None] = (None, None)
 
     def begin(self, session: SettingsInForce, now_us: int) -> tuple[SettingsInForce, ...]:
-        """Note that a session is in force from now on; return what is, or nothing if that is not new."""
+        """Note that a session is in force from now on; return its settings, or None if they are not new."""
         self._session = session
         new = replace(session, channel_out=self._channels[0], channel_in=self._channels[1])
         if self.history and self.history[-1][1] == new:
@@ -79,7 +79,7 @@ class InForce:
         return (new,)
 
     def emulate(self, channel_out: str | None, channel_in: str | None, now_us: int) -> tuple[SettingsInForce, ...]:
-        """Note which networks are emulated from now on; return as `begin`, and nothing before there is a session."""
+        """Note the networks emulated from now on; return like `begin`, and None before a session."""
         self._channels = channel_out, channel_in
         return () if self._session is None else self.begin(self._session, now_us)
 
@@ -97,14 +97,14 @@ class Failed:
 
 @dataclass(frozen=True, slots=True)
 class Paused:
-    """The operator raised an exception: the force goes to zero and the operator is not asked until `resume`."""
+    """The operator raised an exception: the force goes to zero and the operator is not called until `resume`."""
 
     reason: str
 
 
 @dataclass(frozen=True, slots=True)
 class Resumed:
-    """The operator is asked again after `Paused`."""
+    """The operator is called again after `Paused`."""
 
 
 NodeEvent: TypeAlias = (
@@ -143,7 +143,7 @@ class MasterLeft:
 
 @dataclass(frozen=True, slots=True)
 class ScenePaused:
-    """The scene of a session raised an exception; its master feels nothing until `SlaveNode.resume`."""
+    """The scene of a session raised an exception; its master gets no force until `SlaveNode.resume`."""
 
     context: SlaveContext
     reason: str

@@ -1,9 +1,9 @@
 """The forces of one session on their way back: encoder, a mirror of the master's decoder, repair and keepalives.
 
-Where the contact ahead is announced, the encoder sends models of it, or what the codec sends. What arrived last is what
-the master applies. While that is a model, the slave steps the same one, and is silent as long as its force is within
-the threshold of the true one. If it is not, or if other layers are ahead, the slave sends another model, or a payload
-of the codec where the scene has no model that is right now.
+Where the contact ahead is announced, the encoder sends models of it, or the codec's payloads. The master applies what
+arrived last. While that is a model, the slave steps the same one, and is silent as long as its force is within
+the threshold of the true one. Otherwise, or if other layers are ahead, the slave sends another model, or a payload
+of the codec if the scene has no correct model.
 """
 
 import math
@@ -23,10 +23,10 @@ from hapticnet.scene.ahead import MOST_LAYERS, ContactModel, LayerAhead, LookAhe
 from hapticnet.scene.base import Touchable, look_ahead_of
 from hapticnet.vectors import distance, magnitude
 
-LOOK_EVERY_US: Final = 5_000  # how often the scene is asked what is ahead while the model is right [µs]
+LOOK_EVERY_US: Final = 5_000  # interval of asking the scene for the contact ahead while the model is right [µs]
 AGREEMENT: Final = 0.5  # largest error of a model that is sent, at its first position, as a share of the threshold
 FAR: Final = 0.1
-"""By how much the place of a surface that is announced may change before it is announced again, as a share of the
+"""Change of an announced surface's place after which it is announced again, as a share of the
 distance: a curved surface is a plane that turns."""
 
 FIRST_DOUBT_US: Final = 20_000
@@ -37,19 +37,19 @@ SHORTEST_LIFE_US: Final = 10_000
 """A model that is wrong sooner than this [µs] is not replaced by another one, but by the codec."""
 
 TRUSTED_AFTER: Final = 50
-"""Samples in contact for which a model must be right before the doubts about earlier ones are forgotten."""
+"""Correct samples in contact after which earlier wrong models are forgotten."""
 
 
 @dataclass(slots=True)
 class AnnouncingAccount:
-    """What became of the announcements."""
+    """Counters of the announcements."""
 
     models: int = 0  # models sent
     corrections: int = 0  # updates sent because a model was wrong: other models, or payloads of the codec
     unusable: int = 0  # announcements of the scene that break the limits
-    left_out: int = 0  # layers left out, because they are too stiff with those before them
+    left_out: int = 0  # layers omitted, because they are too stiff together with those before them
     on_model: int = 0  # samples at which a model was applied
-    fault: str | None = None  # what was wrong with the newest announcement that was not usable as a whole
+    fault: str | None = None  # fault of the newest announcement that was not fully usable
 
 
 class AnnouncingEncoder:
@@ -64,11 +64,11 @@ class AnnouncingEncoder:
         self._axes = axes
         self._look_ahead = look_ahead
         self._stiffest = stiffest_n_per_m
-        self._model: ContactModel | None = None  # what the master applies; None: what the codec says
+        self._model: ContactModel | None = None  # the model that the master applies; None: the codec's payload
         self._now: tuple[int, Vector] | None = None
         self._before: tuple[int, Vector] | None = None
         self.predicted: tuple[Vector, Vector] | None = None
-        """Position [m] and force [N] for which the codec answers in place of the present ones; None: those."""
+        """Position [m] and force [N] that the codec encodes instead of the present ones; None: the present ones."""
         self._refresh = True
         self._repeats = self._was_right = self._renews = False
         self._right = 0
@@ -79,20 +79,20 @@ class AnnouncingEncoder:
 
     @property
     def newest(self) -> tuple[bool, bool]:
-        """Whether the newest payload only repeats the model before it, and whether the update before it is right."""
+        """Whether the newest payload only repeats the previous model, and that update is right."""
         return self._repeats, self._was_right
 
     @property
     def on_model(self) -> bool:
-        """Whether the newest update is a model. It needs no earlier one."""
+        """Whether the newest update is a model, which decodes on its own."""
         return self._model is not None
 
     def refresh(self) -> None:
-        """Make the next stimulus a transmitted one."""
+        """Force the next stimulus to be transmitted."""
         self._refresh = True
 
     def step(self, t_us: int, position: Vector, state: int | None = None) -> None:
-        """Step the model; `state` tells which layers are pierced at a master that has the newest update."""
+        """Step the model; `state` gives the layers pierced at a master that has the newest update."""
         self._before, self._now = self._now, (t_us, position)
         if self._model is not None:
             self._model.step(t_us, position)
@@ -101,11 +101,11 @@ class AnnouncingEncoder:
 
     @property
     def rubs(self) -> bool:
-        """Whether the force of the model depends on the way that the tool has gone: friction on its shaft."""
+        """Whether the force of the model depends on the tool's path, through friction on its shaft."""
         return self._model is not None and any(layer.pierced and layer.friction_n for layer in self._model.layers())
 
     def renew(self) -> None:
-        """Make the next update a model that the master needs although it has the one before."""
+        """Force the next update to be a model, even if the master has the previous one."""
         self._refresh = self._renews = True
 
     def encode(self, t_us: int, stimulus: Vector, position: Vector | None = None) -> bytes | None:
@@ -140,7 +140,7 @@ class AnnouncingEncoder:
         if payload is None:
             payload = self._send_codec(t_us, stimulus, position)
             self._model = None
-            if self._layers() is not None:  # the scene errs; one that cannot tell now does not
+            if self._layers() is not None:  # the scene is wrong, unless it currently announces nothing
                 self._doubted_until_us = t_us + self._doubt_us
                 self._doubt_us = min(2 * self._doubt_us, LONGEST_DOUBT_US)
                 self._right = 0
@@ -157,7 +157,7 @@ class AnnouncingEncoder:
                 self._doubt_us = FIRST_DOUBT_US
 
     def _has_news(self, model: ContactModel, t_us: int, position: Vector) -> bool:
-        """Return whether the scene announces layers that the model does not have, or has in another state."""
+        """Return whether the scene announces layers that the model lacks or has in a different state."""
         layers = self._layers() if self._may_look(t_us) else None
         if layers is None:
             return False
@@ -172,19 +172,19 @@ class AnnouncingEncoder:
         return True
 
     def _layers(self) -> tuple[LayerAhead, ...] | None:
-        """Return what the scene announces, as the master reads it; None if it is not to be announced."""
+        """Return the scene's announcement as the master decodes it; None if it cannot be announced."""
         try:
             layers = self._look_ahead()
             if layers is None:
                 return None
             return unpack_model(pack_model(self._allowed(layers), self._axes), self._axes, self._stiffest)
-        except Exception as error:  # a user's scene may raise anything; its forces are served all the same
+        except Exception as error:  # a user's scene may raise anything; its forces are still served
             self.account.unusable += 1
             self.account.fault = in_words(error)
             return None
 
     def _allowed(self, layers: Sequence[LayerAhead]) -> list[LayerAhead]:
-        """Leave out what would be too stiff together with the layers before it, and the last if there are many."""
+        """Omit layers that are too stiff together with those before them, and the last ones if there are too many."""
         allowed: list[LayerAhead] = []
         total = 0.0
         for layer in layers:
@@ -197,7 +197,7 @@ class AnnouncingEncoder:
         return allowed
 
     def _send_model(self, t_us: int, stimulus: Vector, position: Vector) -> bytes | None:
-        """Return the payload of what the scene announces, if that is right now."""
+        """Return the payload of the scene's announcement, if that is correct at present."""
         layers = self._layers()
         if layers is None:
             return None
@@ -214,7 +214,7 @@ class AnnouncingEncoder:
         return payload
 
     def _send_codec(self, t_us: int, stimulus: Vector, position: Vector | None) -> bytes | None:
-        """Return what the codec sends; after a model, an update that needs no earlier one."""
+        """Return the codec's payload; after a model, one that decodes on its own."""
         if self._refresh or self._model is not None:
             self._inner.refresh()
         if self.predicted is not None:
@@ -225,7 +225,7 @@ class AnnouncingEncoder:
 
 
 def _covers(held: LayerAhead, layer: LayerAhead, position: Vector, tolerance_n: float) -> bool:
-    """Return whether a layer is held already, as exactly as it matters: a far surface may be somewhere else."""
+    """Return whether a layer is already known exactly enough; the place of a far surface may differ."""
     placed = held._replace(
         surface_m=layer.surface_m, normal=layer.normal, raised_m=layer.raised_m, shaft_n=layer.shaft_n
     )
@@ -244,12 +244,12 @@ class SceneFailedError(HapticnetError):
 
 
 class Feedback:
-    """What is sent for each force, and what the master holds then."""
+    """The answer to each force, and the stimulus that the master then holds."""
 
     def __init__(
         self, session: SlaveSession, codec: Codec, scene: Touchable, *, announced: bool, rate_hz: float
     ) -> None:
-        self.encoder: Encoder = codec.encoder(scene.axes)  # beside a decoder of what is sent
+        self.encoder: Encoder = codec.encoder(scene.axes)  # with a mirror decoder of the sent payloads
         self._delayed = self.encoder if isinstance(self.encoder, Delayed) else None
         self.mirror: Decoder = codec.decoder(scene.axes)
         self.held_n: Vector = (0.0,) * scene.axes  # that force [N] at the newest position that was accounted for
@@ -269,7 +269,7 @@ class Feedback:
                 self.encoder, codec.law, scene.axes, look_ahead, stiffest_n_per_m
             )
             self.mirror = self._models = AnnouncedDecoder(self.mirror, scene.axes, stiffest_n_per_m)
-        # A user's codec need not say so; completing an update that is complete does no harm.
+        # A user's codec may lack this; completing a complete update does no harm.
         self._builds_on_earlier: bool = getattr(codec, "builds_on_earlier", True)
 
     @property
@@ -278,7 +278,7 @@ class Feedback:
         return self._announcing is not None and self._announcing.on_model
 
     def step(self, sample: PositionSample, state: int | None) -> None:
-        """Step the models as the scene was; `state` is what the master reports of its own model, if it does."""
+        """Step the models like the scene; `state` is the master's report of its own model, if any."""
         if self._announcing is not None and self._models is not None:
             self._announcing.step(sample.t_us, sample.position_m, state)
             self._models.move(sample.t_us, sample.position_m, state)
@@ -288,7 +288,7 @@ class Feedback:
     ) -> tuple[bytes | None, bytes | None]:
         """Return payload and datagram that answer a force, None where there is none; SceneFailedError if that fails.
 
-        `predicted`: position [m] and force [N] for which the codec is to answer instead. Models go on from the present.
+        `predicted`: position [m] and force [N] that the codec encodes instead. Models continue from the present.
         """
         session = self._session
         self._predicted = predicted
@@ -303,7 +303,7 @@ class Feedback:
                     self.encoder.refresh()
             else:
                 if self.on_model:
-                    # A model is repeated until it has arrived. It then goes on by itself, and is only confirmed.
+                    # A model is repeated until it has arrived. It then runs at the master and is only confirmed.
                     due = due or session.repair.keepalive_is_due(now_us)
                 if due and not (self.on_model and session.in_step):
                     self.encoder.refresh()
@@ -321,7 +321,7 @@ class Feedback:
         return None, None
 
     def account_sent(self, sample: PositionSample, payload: bytes | None) -> None:
-        """Let the mirror read what was sent for a position; SceneFailedError if the codec cannot read what it wrote."""
+        """Let the mirror decode the payload sent for a position; SceneFailedError if the codec cannot."""
         position_m = sample.position_m if self._predicted is None else self._predicted[0]
         try:
             if payload is not None:
@@ -331,13 +331,13 @@ class Feedback:
             raise SceneFailedError(f"the force cannot be decoded: {in_words(error)}") from error
 
     def report(self) -> dict[str, Any] | None:
-        """Return what became of the announcements, for JSON; None if nothing is announced."""
+        """Return the counters of the announcements, for JSON; None if nothing is announced."""
         return None if self._announcing is None else asdict(self._announcing.account)
 
     def _renew(self, announcing: AnnouncingEncoder, t_us: int, now_us: int) -> None:
-        """Send the model again after positions were missed, if its force depends on the way of the tool.
+        """Send the model again after positions were missed, if its force depends on the tool's path.
 
-        The master's model has gone that way, this one has not: at rest, nothing else would bring them together.
+        The master's model followed that path and this one did not: at rest, nothing else would reconcile them.
         """
         before_us, self._t_us = self._t_us, t_us
         self._missed = self._missed or (before_us is not None and t_us - before_us > self._longest_us)
@@ -352,7 +352,7 @@ class Feedback:
     def _encode(self, sample: PositionSample, force_n: Vector) -> bytes | None:
         payload = self.encoder.encode(sample.t_us, force_n, sample.position_m)
         if payload is not None and self._builds_on_earlier and self._session.repair.complete and not self.on_model:
-            self.encoder.refresh()  # so that this payload builds on no earlier one
+            self.encoder.refresh()  # so that this payload decodes on its own
             payload = self.encoder.encode(sample.t_us, force_n, sample.position_m)
         if payload is not None and len(payload) > LARGEST_PAYLOAD:
             raise ValueError(f"a payload of {len(payload)} bytes; at most {LARGEST_PAYLOAD} fit into a datagram")
@@ -361,7 +361,7 @@ class Feedback:
     def _keepalive_is_due(self, force_n: Vector, now_us: int) -> bool:
         if self._session.repair.spoke_lately(now_us):
             return False
-        # What follows the position may make a force before the next answer: confirm it while there is none, too.
+        # A position-following decoder may produce a force before the next answer: also confirm it at zero force.
         follows = self.on_model or self._codec.needs_position
         felt_n = math.inf if follows else max(magnitude(force_n), magnitude(self.held_n))
         return self._session.repair.keepalive_is_due(now_us, idle=felt_n < self._idle_below_n)

@@ -1,4 +1,4 @@
-"""How a force reaches its device: the part of it that is rendered, limits, force loop if there is one, and device."""
+"""The path of a force to its device: rendered component, limits, force loop if any, and device."""
 
 import math
 from dataclasses import dataclass, replace
@@ -16,7 +16,7 @@ from hapticnet.samples import Vector
 
 @dataclass(frozen=True, slots=True)
 class DeviceLost:
-    """The device gives no more readings; `reason` is its status."""
+    """The device no longer gives readings; `reason` is its status."""
 
     reason: str
 
@@ -54,7 +54,7 @@ FingertipEvent: TypeAlias = DeviceLost | DeviceFound | ForceFault | FingerMet | 
 
 
 class Fingertip:
-    """A device and the force loop that drives it. A device that returns after a loss is treated as a new one."""
+    """A device and the force loop that drives it. A device that returns after a loss is treated as new."""
 
     def __init__(self, device: Device, limits: LimitSettings, control: ForceControlSettings) -> None:
         self.device = device
@@ -93,10 +93,10 @@ class Fingertip:
         return self.controller.fault or self.device.status
 
     def press(self, force_n: float, now_us: int, ahead_n: float | None = None) -> None:
-        """Move the device one step toward a force [N]; `ahead_n`: that expected `lead_us` from now, if known."""
+        """Move the device one step toward a force [N]; `ahead_n`: the force expected `lead_us` from now, if known."""
         reading = self.reading
         if reading is None:
-            # Without a device the limiter falls to zero, from where the force rises when the device returns.
+            # Without a device the limiter falls to zero, so the force rises from zero when the device returns.
             self.target_n = self._limiter.limit(0.0, now_us)
             self.displacement_m = 0.0
         else:
@@ -111,7 +111,7 @@ class Fingertip:
             self._note_changes()
 
     def report(self) -> dict[str, Any]:
-        """Return the account of this fingertip for JSON."""
+        """Return the report of this fingertip for JSON."""
         finger = self.controller.finger
         return {
             "description": self.device.description,
@@ -143,12 +143,12 @@ class Fingertip:
 
 
 class Actuator:
-    """An actuator and the limits of what is asked of it. Takes the place of a `Fingertip`."""
+    """An actuator and the limits of the requested force. Replaces a `Fingertip`."""
 
     def __init__(self, device: UserActuator, limits: LimitSettings) -> None:
         self.device = device
         self.target_n = self.displacement_m = 0.0  # force [N] requested of the device, after the limits
-        self.reading: Reading | None = None  # the newest force that it sensed; None if it senses none
+        self.reading: Reading | None = None  # the newest sensed force; None without a sensor
         self._limiter = ForceLimiter(replace(limits, max_force_n=min(limits.max_force_n, device.max_force_n)))
         self._events: list[FingertipEvent] = [DeviceFound(device.description)]
 
@@ -159,17 +159,17 @@ class Actuator:
 
     @property
     def status(self) -> str:
-        """What the device says of itself."""
+        """The device's status."""
         return self.device.status
 
     def press(self, force_n: float, now_us: int, ahead_n: float | None = None) -> None:  # noqa: ARG002
-        """Ask the device for a force [N]; called every tick. What it does about its own delay is its own matter."""
+        """Request a force [N] from the device; called every tick. The device handles its own delay."""
         self.target_n = self._limiter.limit(force_n, now_us)
         sensed_n = self.device.apply(self.target_n, now_us)
         self.reading = None if sensed_n is None else Reading(now_us, 0.0, sensed_n, 0.0)
 
     def report(self) -> dict[str, Any]:
-        """Return the account of this device for JSON."""
+        """Return the report of this device for JSON."""
         return {"description": self.device.description, "status": self.status, "line": self.device.report()}
 
     def next_event(self) -> FingertipEvent | None:
@@ -181,7 +181,7 @@ class Rendering:
     """A device with its limits and, if it takes positions, its force loop; or none."""
 
     def __init__(self, device: Device | UserActuator | Fingertip | None, settings: MasterSettings, axes: int) -> None:
-        self.fingertip: Fingertip | Actuator | None  # what renders the force; None without a device
+        self.fingertip: Fingertip | Actuator | None  # renders the force; None without a device
         if isinstance(device, UserActuator):
             self.fingertip = Actuator(device, settings.limits)
         elif device is None or isinstance(device, Fingertip):
@@ -194,7 +194,7 @@ class Rendering:
 
     @property
     def what(self) -> str:
-        """What messages call the device."""
+        """The device's name in messages."""
         return getattr(self.fingertip and self.fingertip.device, "what", "the device and its force loop")
 
     @property
@@ -217,7 +217,7 @@ class Rendering:
         return None if self.fingertip is None else self.fingertip.next_event()
 
     def report(self) -> dict[str, Any]:
-        """Return the account for JSON."""
+        """Return the report for JSON."""
         tracking = self._tracking.report() if self._tracking.samples else None
         return {
             "device": self.fingertip.report() if self.fingertip else None,

@@ -7,7 +7,7 @@ Three forecasts compete, and the one that has predicted best is used:
 - *stiffness*: the force changes with the position as it did at the last updates. The master knows its own position
   without delay, so this needs nothing from the codec.
 
-Each forecast is compared with the force that was then applied.
+Each forecast is compared with the force that was applied later.
 """
 
 from bisect import bisect_right
@@ -26,7 +26,7 @@ SPEED_US: Final = 10_000
 """Time [µs] over which the speed of the hand is measured. Its tremor has a period of 80 to 125 ms."""
 
 REMEMBERED_US: Final = 1_000_000
-"""How long [µs] positions are remembered: as long as a force may be late (`SessionSettings.max_age_us`)."""
+"""Time [µs] for which positions are remembered: as long as a force may be late (`SessionSettings.max_age_us`)."""
 
 NEAR_M: Final = 50e-6
 """Distance [m] between two updates below which a change of force says little about the stiffness: the tremor."""
@@ -40,7 +40,7 @@ FREE_N: Final = 0.0125
 
 SCORED_US: Final = 5_000
 SCORE_MEMORY_US: Final = 250_000
-"""Time [µs] between two forecasts that are compared with what came, and over which their errors are averaged."""
+"""Time [µs] between two forecasts that are compared with the outcome, and over which their errors are averaged."""
 
 
 class ForcePredictor:
@@ -58,7 +58,7 @@ class ForcePredictor:
         self._scored_us: int | None = None
         self._speed_of_us: int | None = None  # the tick at which the hand had the speed of the following
         self._moved_m: Vector | None = None  # how far it has moved; None: not known
-        self._elapsed_us = 1  # and in what time
+        self._elapsed_us = 1  # and in which time
 
     def move(self, now_us: int, position_m: Vector) -> None:
         """Note the master's own position [m] at a tick."""
@@ -118,7 +118,7 @@ class ForcePredictor:
     def _by_stiffness(self, at_us: int, lead_us: int, force_n: Vector) -> Vector:
         if magnitude(force_n) <= FREE_N:
             return force_n
-        # On a late link, part of the way ahead is known: the hand has already gone it.
+        # On a late link, part of the path ahead is known, because the hand has already covered it.
         there_m, here_m = self._position_at(at_us + lead_us), self._position_at(at_us)
         if len(force_n) == 1:  # as below, in a third of the time
             before_n = force_n[0]
@@ -126,11 +126,11 @@ class ForcePredictor:
             return (_same_sign(after_n, before_n),)
         moved_m = minus(there_m, here_m)
         ahead_n = plus(force_n, tuple([dot(row, moved_m) for row in self.gradient_n_m]))
-        # Contact pushes; the tool is not pulled back into what it leaves.
+        # Contact pushes; the tool is not pulled back into the tissue it leaves.
         return tuple(starmap(_same_sign, zip(ahead_n, force_n, strict=True)))
 
     def _compare(self, now_us: int, force_n: Vector) -> None:
-        """Compare earlier forecasts for now with the force [N] that has come."""
+        """Compare earlier forecasts for now with the actual force [N]."""
         while self._forecasts and self._forecasts[0][0] <= now_us:
             _, past = self._forecasts.popleft()
             weight = SCORED_US / SCORE_MEMORY_US

@@ -1,11 +1,11 @@
-"""Where the hand will be when the force arrives, and what a copy of the scene does to it there.
+"""Predict the position of the hand when the force arrives, and the force of a copy of the scene there.
 
 A force reaches the master one round trip after the position that it answers; by then the hand has moved on. A slave
-that answers for a later position makes up for that. The true scene is only stepped at positions that were received, so
-a wrong prediction breaks and heals nothing.
+that answers for a later position avoids that. The true scene is only stepped at positions that were received, so
+a wrong prediction breaks or heals nothing.
 
 The displacement over the time ahead is predicted by least squares with forgetting from five regressors: velocity and
-acceleration now, the displacement over the last such time, and velocity and acceleration before that. All axes share
+acceleration now, the displacement over the last such period, and velocity and acceleration before that. All axes share
 the coefficients. The estimator: L. Ljung, "System Identification", 2nd edition, 1999, section 11.2.
 """
 
@@ -26,26 +26,26 @@ if TYPE_CHECKING:
 LONGEST_AHEAD_US: Final = 150_000
 """Longest time [µs] for which the hand is predicted: an arm changes its mind about as fast as it reacts."""
 
-SHORTEST_STEP_US: Final = 1_000  # the movement is looked at no more often than so [µs]
+SHORTEST_STEP_US: Final = 1_000  # shortest period at which the movement is sampled [µs]
 VELOCITY_LAG_S: Final = 0.003
 ACCELERATION_LAG_S: Final = 0.01
 """Time constants [s] of the low-passes of velocity and acceleration."""
 
-MEMORY_S: Final = 2.0  # time constant [s] of the forgetting of earlier movements
+MEMORY_S: Final = 2.0  # time constant [s] for forgetting earlier movements
 RIDGE: Final = 0.002
 """Weight of the coefficients before anything is learned, as a sum of squared speeds in units of `SPEED_M_PER_S`."""
 
 SPEED_M_PER_S: Final = 0.05
-PERSISTENCE_S: Final = 0.1  # before anything is learned, a velocity is taken to die out with this time constant [s]
+PERSISTENCE_S: Final = 0.1  # before anything is learned, a velocity decays with this time constant [s]
 SOLVED_EVERY: Final = 8  # steps between two solutions of the equations
 FASTEST: Final = 2.0
 LARGEST_SPEED_M_PER_S: Final = 1.0
-"""Largest predicted speed: a multiple of the present one or that of the last such time, whichever is larger, and never
-more than a hand on a tool moves. From faster movements nothing is learned."""
+"""Largest predicted speed: a multiple of the present one or the last period's, whichever is larger, and never
+faster than a hand on a tool moves. From faster movements nothing is learned."""
 
 LEAP_M_PER_S: Final = 3.0  # between two steps nothing but a leap is faster: the movement is looked at afresh
 
-LONGEST_GAP: Final = 200  # steps without a position after which the movement is looked at afresh
+LONGEST_GAP: Final = 200  # steps without a position after which the movement is sampled afresh
 STEPS_PER_POSITION: Final = 10
 """Steps that a position allows, for those missed before it. A master whose clock runs away costs the slave no more."""
 
@@ -74,7 +74,7 @@ class HandPredictor:
         self._t_us = 0  # time of the newest step
         self._newest_m: Vector = (0.0,) * axes  # newest position, which may be a later one
         self._line: PromisedLine | None = None  # the newest line, where positions are few
-        self._on_line = 0  # steps since then, which are no more than promised
+        self._on_line = 0  # steps since then, which are only promised
         # Normal equations: the upper triangle row by row, and the right-hand side
         self._normal = [0.0] * (TERMS * (TERMS + 1) // 2)
         self._right = [0.0] * TERMS
@@ -82,7 +82,7 @@ class HandPredictor:
         self._ahead_us = 0
 
     def receive(self, t_us: int, position_m: Vector) -> None:
-        """Take in the position of a time [µs]."""
+        """Add the position of a time [µs]."""
         self._newest_m = position_m
         self._allowed = min(self._allowed + STEPS_PER_POSITION, LONGEST_GAP)
         steps = (t_us - self._t_us + self._step_us // 2) // self._step_us
@@ -102,7 +102,7 @@ class HandPredictor:
             self._push(tuple([x + share * (y - x) for x, y in zip(before, position_m, strict=True)]))
 
     def follow(self, line: PromisedLine) -> None:
-        """Take in a line that was promised. What was taken for the way to its start is replaced by a better guess.
+        """Add a promised line. The assumed path to its start is replaced by a better guess.
 
         That goes over smoothly from the earlier line to the later one, as far as it goes back.
         """
@@ -125,7 +125,7 @@ class HandPredictor:
             self._push(along(there_m, share * share * (3.0 - 2.0 * share), minus(back_m, there_m)))
 
     def predict(self, ahead_us: int) -> Vector:
-        """Return where the hand will be so long after the newest position [m]."""
+        """Return the predicted position [m] this long after the newest one."""
         if ahead_us != self._ahead_us:
             self._ahead_us = ahead_us
             self._solve()
@@ -157,7 +157,7 @@ class HandPredictor:
         return PERSISTENCE_S * (1.0 - math.exp(-ahead_s / PERSISTENCE_S)) / ahead_s
 
     def _begin(self, t_us: int, position_m: Vector) -> None:
-        """Look at the movement afresh from a position on."""
+        """Restart the sampling of the movement at a position."""
         self._steps = self._on_line = 0
         self._t_us, self._line = t_us, None
         self._push(position_m)
@@ -184,7 +184,7 @@ class HandPredictor:
             self._learn(now)
 
     def _learn(self, now: int) -> None:
-        """Compare the displacement of the last time ahead with what was known before it."""
+        """Learn from the displacement over the last lead, given the data before it."""
         lag = self._lag()
         then, earlier, ahead_s = (now - lag) % KEPT, (now - 2 * lag) % KEPT, lag * self._step_s
         normal, right, keep = self._normal, self._right, self._keep
@@ -217,7 +217,7 @@ class HandPredictor:
             self._solve()
 
     def _solve(self) -> None:
-        """Solve the equations. The ridge keeps them solvable whatever the hand has done."""
+        """Solve the equations. The ridge keeps them solvable for any movement."""
         matrix = np.zeros((TERMS, TERMS))
         matrix[_UPPER] = self._normal
         matrix += np.triu(matrix, 1).T + RIDGE * np.eye(TERMS)
@@ -228,14 +228,14 @@ class HandPredictor:
 
 
 LONGEST_LEAD_US: Final = 20_000
-"""Longest round trip [µs] at which a robot is moved ahead. At 50 ms, on recordings of contact, errors of the prediction
+"""Longest round trip [µs] at which a robot moves ahead. At 50 ms, on recordings of contact, errors of the prediction
 made forces of 117 N where the hand was; up to 20 ms the share of ticks above 1 JND fell from 53 to 25 %."""
 
 
 class ForceAhead:
-    """The force of one scene where the hand will be. `period_us`: time [µs] between two positions.
+    """The force of one scene at the predicted position. `period_us`: time [µs] between two positions.
 
-    What a user's scene raises ends it, and `fault` says what that was; the present forces are served all the same.
+    An exception of a user's scene ends prediction, and `fault` describes it; present forces are still served.
     """
 
     def __init__(self, scene: Touchable, period_us: int) -> None:
@@ -251,10 +251,10 @@ class ForceAhead:
     def answer(
         self, sample: PositionSample, scene_us: int, round_trip_us: int, line: PromisedLine | None = None
     ) -> tuple[Vector, Vector] | None:
-        """Return position [m] and force [N] one round trip later; None if the present ones are to be used.
+        """Return position [m] and force [N] one round trip later; None to use the present ones.
 
-        `sample` is the newest position, or where the newest `line` has come to; `scene_us` is the scene's time then
-        [µs]. A master applies a force from the tick after its arrival on, and names it then: that period is no delay.
+        `sample` is the newest position, or the present place on the newest `line`; `scene_us` is the scene's time then
+        [µs]. A master applies a force from the tick after its arrival on, and names it then: this period is not delay.
         """
         if self._copy is None:
             return None
@@ -282,7 +282,7 @@ class ForceAhead:
         return position_m, force_n
 
     def lead(self, sample: PositionSample, round_trip_us: int, force_n: Vector) -> Vector | None:
-        """Return where a scene that moves ahead is to be stepped [m]; None: at the position that was received.
+        """Return the position [m] at which to step a scene that moves ahead; None: the received one.
 
         `force_n` is its newest force.
         """
@@ -297,5 +297,5 @@ class ForceAhead:
         return self._hand.predict(ahead_us)
 
     def report(self) -> dict[str, Any]:
-        """Return what was predicted, for JSON."""
+        """Return the figures of the prediction, for JSON."""
         return {"answers": self._answers, "ahead_us": max(self._ahead_us, 0), "fault": self._fault}

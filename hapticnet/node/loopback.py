@@ -9,7 +9,7 @@ MASTER_ADDRESS: Final = "loopback"
 
 
 class Channel(Protocol):
-    """What carries datagrams one way, such as an `Emulator`."""
+    """A one-way carrier of datagrams, such as an `Emulator`."""
 
     def push(self, item: bytes, size_bytes: int, now_us: int) -> None:
         """Send a datagram."""
@@ -64,14 +64,14 @@ class Loopback:
         self.run(1_000_000)
 
     def _exchange(self, now_us: int) -> int | None:
-        """Exchange what is due until neither side has more to send; return when the slave is due next [µs]."""
+        """Exchange due datagrams until neither side has more to send; return when the slave is due next [µs]."""
         master, slave, forward, feedback = self.master, self.slave, self.forward, self.feedback
         while True:
             for datagram in master.datagrams_to_send():
                 forward.push(datagram, len(datagram), now_us)
             for datagram in forward.due(now_us):
                 slave.receive_datagram(datagram, MASTER_ADDRESS, now_us)
-            # After what arrives now, so that a scene is stepped along the newest line.
+            # After the arrivals, so that a scene is stepped along the newest line.
             slave_us = slave.next_timer_us()
             if slave_us is not None and now_us >= slave_us:
                 slave.tick(now_us)

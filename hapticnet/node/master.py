@@ -46,7 +46,7 @@ if TYPE_CHECKING:
 class MasterNode:
     """One operator, one session, one device.
 
-    `device`: the fingertip device, or None to run without one. A `Fingertip` goes on with what it knows of the finger;
+    `device`: the fingertip device, or None to run without one. A `Fingertip` keeps its knowledge of the finger;
     it is only passed on.
     `clock`: times the steps of operator, device and a user's codec; None: they are not timed.
     """
@@ -61,7 +61,7 @@ class MasterNode:
     ) -> None:
         self.settings = settings
         self.times = StepTimes(clock)  # the times of steps of operator, device and a user's codec
-        self.notices: dict[Code, str] = {}  # what slaves told about the sessions, the newest of each code
+        self.notices: dict[Code, str] = {}  # notices of slaves about the sessions, the newest of each code
         # time [µs] between two positions, as the slave has granted it; each is sent in the tick nearest to its time
         self.position_period_us = round(1e6 / settings.rate_hz)
         self.ticks = 0
@@ -69,7 +69,7 @@ class MasterNode:
         self.end_reason: str | None = None
         self.refused = False
         self.failure: str | None = None
-        self.paused: str | None = None  # why the operator is not asked for positions; None if it is
+        self.paused: str | None = None  # why the operator is paused; None if it is not
         self.recording = Recording(master_columns(operator.axes)) if settings.record else None  # rows of ticks
         self.datagrams = Recording(DATAGRAM_COLUMNS) if settings.record_datagrams else None
         self._operator = operator
@@ -93,11 +93,11 @@ class MasterNode:
         self.position_m: Vector | None = None  # position [m] of the newest tick; None before there is a session
         self.axes = operator.axes
         self._zero_n: Vector = (0.0,) * operator.axes
-        self.held_n = self._ahead_n = self._zero_n  # as it is held: decayed, or zero after a failure
+        self.held_n = self._ahead_n = self._zero_n  # held force: decayed, or zero after a failure
         self.target_n = self.sensed_n = self.displacement_m = 0.0  # of the device
         self.connections = 0  # number of sessions so far
-        self.scene_name: str | None = None  # what the slave calls the scene; None before there is a session
-        self.in_force = InForce()  # which settings are in force, and were
+        self.scene_name: str | None = None  # the slave's name for the scene; None before there is a session
+        self.in_force = InForce()  # settings in force, and their history
         self._granted: SettingsInForce | None = None
         self._events: deque[NodeEvent] = deque()
         self._ticked_us = 0
@@ -105,7 +105,7 @@ class MasterNode:
 
     @property
     def codec(self) -> Codec:
-        """The codec that is used, or that was asked for last with `change`."""
+        """The codec in use, or last requested with `change`."""
         return self._next_codec
 
     @property
@@ -125,7 +125,7 @@ class MasterNode:
 
     @property
     def largest_n(self) -> float | None:
-        """Largest force [N] that is asked of the device; None without one that renders forces by a force loop."""
+        """Largest force [N] requested from the device; None without one that renders forces by a force loop."""
         return self._rendering.with_loop.largest_n if self._rendering.with_loop is not None else None
 
     @property
@@ -152,7 +152,7 @@ class MasterNode:
             self._digest_events(now_us)
 
     def tick(self, now_us: int) -> None:
-        """Send the operator's position. Then send what there is to send, and call `drive`."""
+        """Send the operator's position. Then send the pending datagrams, and call `drive`."""
         self.ticks += 1
         self._ticked_us = now_us
         if self._first_touch is not None:
@@ -179,7 +179,7 @@ class MasterNode:
         wait_us = self._position_due_us - now_us
         if 2 * wait_us > self.period_us and wait_us <= self.position_period_us:
             return False
-        # After missed ticks or a clock that jumped, the positions go on from now.
+        # After missed ticks or a clock that jumped, the positions continue from now.
         kept = abs(wait_us) <= self.position_period_us
         self._position_due_us = (self._position_due_us if kept else now_us) + self.position_period_us
         return True
@@ -198,7 +198,7 @@ class MasterNode:
             self._fail(f"the codec failed: {in_words(error)}", now_us)
 
     def check(self, now_us: int, waited_us: Clock = no_wait) -> None:
-        """Look a few times a second whether operator, device and codec keep up; `waited_us`: see `StepTimes.check`."""
+        """Check a few times a second that operator, device and codec keep up; `waited_us`: see `StepTimes.check`."""
         self._events.extend(self.times.check(now_us, waited_us) or ())
 
     def drive(self, now_us: int) -> None:
@@ -219,7 +219,7 @@ class MasterNode:
     def _touch(self, first_touch: FirstTouch, now_us: int) -> None:
         try:
             outcome = first_touch.outcome(now_us)
-        except Exception as error:  # what drives a device may raise anything
+        except Exception as error:  # device code may raise anything
             self._fail(f"the device failed: {in_words(error)}", now_us)
             return
         if outcome is not None:
@@ -240,7 +240,7 @@ class MasterNode:
         if self._port is not None and self.position_m is not None:
             held_n = self._port.limit(held_n, self.position_m)
         self.held_n = self._ahead_n = held_n
-        # No lead on a damped force: nobody knows how much will be damped.
+        # No lead on a damped force, because the future damping is unknown.
         if self._lead_us is not None and self.failure is None:
             try:
                 self._ahead_n = self._applied.expected(now_us, self._lead_us)
@@ -248,8 +248,8 @@ class MasterNode:
                 self._fail(f"the codec failed: {in_words(error)}", now_us)
 
     def _note_idle(self) -> None:
-        """Note whether so little is applied that the link may be silent for longer."""
-        # What follows the position may make a force at any tick, so it is never idle.
+        """Note whether the applied force is so small that the link may be silent for longer."""
+        # Position-following decoders are never idle, because they may produce a force at any tick.
         idle = self._forward.is_idle(self.received_n) and not (self.on_model or self._codec.needs_position)
         self.session.idle = idle
         self._applied.keep(idle and self.session.state is MasterState.ESTABLISHED)
@@ -258,7 +258,7 @@ class MasterNode:
         self._device_time.begin()
         try:
             felt = self._rendering.press(self.held_n, self._ahead_n, now_us, counts=self.connections > 0)
-        except Exception as error:  # what drives a device may raise anything; it is asked for no force from now on
+        except Exception as error:  # device code may raise anything; from now on no force is requested
             self._fail(f"the device failed: {in_words(error)}", now_us)
             return
         self._device_time.end(self.period_us)
@@ -267,9 +267,9 @@ class MasterNode:
     def change(
         self, *, codec: str | None = None, parameters: dict[str, float] | None = None, law: WeberLaw | None = None
     ) -> None:
-        """Ask for a session with another codec or JND; the present one goes on until the slave grants it.
+        """Ask for a session with another codec or JND; the present one continues until the slave grants it.
 
-        The new session goes on with the scene. `Connected` or `ChangeRefused` follows. What is not given stays, but
+        The new session continues the scene. `Connected` or `ChangeRefused` follows. Omitted values do not change, but
         another codec starts from its own default parameters. Raise SettingsError if there is no such codec, or a
         parameter is invalid.
         """
@@ -282,11 +282,11 @@ class MasterNode:
         self.session.change(self._request(chosen))
 
     def emulate(self, channel_out: str | None, channel_in: str | None) -> None:
-        """Tell which networks are emulated at this end from now on, for recordings and reports."""
+        """Set the networks emulated at this end from now on, for recordings and reports."""
         self._events += self.in_force.emulate(channel_out, channel_in, self._ticked_us)
 
     def resume(self) -> None:
-        """Ask the operator for positions again after `Paused`; the force rises from zero."""
+        """Resume the operator after `Paused`; the force rises from zero."""
         if self.paused is not None:
             self._events.append(Resumed())
         self.paused = None
@@ -319,7 +319,7 @@ class MasterNode:
         return self._events.popleft() if self._events else None
 
     def report(self) -> dict[str, Any]:
-        """Return the account of this master for JSON."""
+        """Return the report of this master for JSON."""
         return {
             "master": self.settings.name,
             "scene": self.scene_name,
@@ -383,7 +383,7 @@ class MasterNode:
             self.close(reason, now_us)
 
     def _note(self, applied: Applied | None, now_us: int) -> None:
-        """Acknowledge a force that is applied from now on."""
+        """Acknowledge a newly applied force."""
         if applied is None:
             return
         self.session.applied(applied.event)

@@ -51,7 +51,7 @@ def cost_report(codec: Codec, t_us: IntArray, stimuli: FloatArray, encoding: Enc
 
 
 def keepalive_times(t_us: IntArray, sent_us: IntArray) -> IntArray:
-    """Return the times of a slave's KEEPALIVEs: the first sample an interval after it last sent anything."""
+    """Return the times of a slave's KEEPALIVEs: the first sample one interval after the last datagram."""
     if not len(t_us):
         return np.empty(0, dtype=np.int64)
     interval_us = SessionSettings().keepalive_us

@@ -1,4 +1,4 @@
-"""Positions at both ends: what a master sends of them, and where its slave takes the hand to be in between."""
+"""Positions at both ends: which ones a master sends, and where its slave assumes the hand to be in between."""
 
 from dataclasses import asdict
 from typing import Any, Final
@@ -35,7 +35,7 @@ class Forward:
             self._sender.reasons = reasons
 
     def set_bound(self, bound: bytes) -> None:
-        """Take in a stiffness bound. Without one that can be read, every position is sent."""
+        """Receive a stiffness bound. Without a valid one, every position is sent."""
         if self._sender is None:
             return
         try:
@@ -57,7 +57,7 @@ class Forward:
             self._transmit(now_us, payload, state)
 
     def is_idle(self, applied_n: Vector) -> bool:
-        """Tell whether the force [N] of a session with few positions is so small that a long silence does no harm."""
+        """Return whether the force [N] of a session with few positions is so small that a long silence does no harm."""
         return self._sender is not None and magnitude(applied_n) < self._idle_below_n
 
     def send(
@@ -68,7 +68,7 @@ class Forward:
         state: int | None = None,
         difference: Difference | None = None,
     ) -> Vector | None:
-        """Send the position of a tick if it matters; return where the slave takes the tool to be, if on a line."""
+        """Send the position of a tick if it matters; return the slave's assumed position of the tool, if on a line."""
         self._ticks += 1
         sender = self._sender
         assert sender is not None, "every position is to be sent"  # noqa: S101 - the caller's fault
@@ -79,7 +79,7 @@ class Forward:
         return sender.place_m(now_us)
 
     def _transmit(self, now_us: int, payload: bytes, state: int | None) -> bool:
-        """Send a position; return whether the session takes it."""
+        """Send a position; return whether the session accepts it."""
         if state is not None:
             payload = with_state(state, payload)
         if not self._session.send_position(now_us, payload):
@@ -88,7 +88,7 @@ class Forward:
         return True
 
     def report(self) -> dict[str, Any]:
-        """Return the account of the positions for JSON."""
+        """Return the report of the positions for JSON."""
         report: dict[str, Any] = {"share": self._sender.share if self._sender else 0.0, "ticks": self._ticks}
         report["sent"] = self._sent
         if self._sender is not None:
@@ -97,11 +97,11 @@ class Forward:
 
 
 GRACE: Final = 1.5
-"""How much longer than `LONGEST_SILENCE_US` a line is followed: one position may come late. After that the slave is
+"""Time beyond `LONGEST_SILENCE_US` for which a line is followed: one position may be late. After that the slave is
 silent, so that the master notices."""
 
 RELAXATION: Final = 100
-"""A position that took longer than those before counts as late. The shortest delay is forgotten at a hundredth of the
+"""A position that took longer than earlier ones counts as late. The shortest delay is forgotten at a hundredth of the
 elapsed time, so that a lasting change of the delay is followed."""
 
 VELOCITY_STEP_US: Final = 1  # time [µs] between the two steps that give a scene the velocity of a line
@@ -112,9 +112,9 @@ class DeadReckoning:
 
     def __init__(self, period_us: int) -> None:
         self.line: PromisedLine | None = None  # the newest line
-        # the box in which the line is followed, as the master knows it or will be told; None: it is not followed
+        # the box in which the line is followed, known to the master or about to be; None: it is not followed
         self.bound: StiffnessBound | None = None
-        self.every = 1  # the scene is stepped along the line each so many periods
+        self.every = 1  # periods between two steps of the scene along the line
         self._period_us = period_us
         self._answered_us = 0  # newest time on the master's clock for which there is a force
         self._offset_us = 0  # when a position without delay arrives, minus its time
@@ -123,7 +123,7 @@ class DeadReckoning:
     def receive(self, line: PromisedLine, now_us: int) -> None:
         """Follow a line that has arrived."""
         offset_us = now_us - line.t_us
-        # A clock that jumped, or a forged time: begin again, or it would rule for as long as it jumped.
+        # A clock that jumped, or a forged time: start again, otherwise it would dominate for as long as it jumped.
         jumped = abs(offset_us - self._offset_us) > GRACE * LONGEST_SILENCE_US
         if self.line is None or jumped:
             self._answered_us = line.t_us
@@ -133,7 +133,7 @@ class DeadReckoning:
         self.line, self._offset_us, self._heard_us = line, offset_us, now_us
 
     def present_us(self, now_us: int) -> int:
-        """Return the time [µs] for which the newest position is to be answered: the present, if it was late."""
+        """Return the time [µs] for which to answer the newest position: the present, if it was late."""
         line = self._following()
         late = max(now_us - self._offset_us - line.t_us, 0) // self._period_us
         return max(line.t_us + min(late * self._period_us, LONGEST_SILENCE_US), self._answered_us)
@@ -148,7 +148,7 @@ class DeadReckoning:
         self._answered_us = max(t_us, self._answered_us)
 
     def next_step_us(self) -> int | None:
-        """Return when the scene is to be stepped along the line [µs]; None if that waits for a position."""
+        """Return the time of the next step along the line [µs]; None if it waits for a position."""
         if self.line is None or self.bound is None:
             return None
         steps = (self._answered_us - self.line.t_us) // self._period_us + self.every
@@ -156,7 +156,7 @@ class DeadReckoning:
         return self.line.t_us + after_us + self._offset_us if after_us <= GRACE * LONGEST_SILENCE_US else None
 
     def due(self, now_us: int) -> PositionSample | None:
-        """Return the newest place on the line whose time has come; None if it was answered."""
+        """Return the newest due place on the line; None if it was answered."""
         step_us = self.next_step_us()
         if step_us is None or now_us < step_us:
             return None
@@ -171,7 +171,7 @@ class DeadReckoning:
         return place_m if self.bound is None else self.bound.nearest(place_m)
 
     def news(self, bound: StiffnessBound | None, position_m: Vector, *, first: bool) -> bytes | None:
-        """Follow the bound that the scene says at a position; return what the master must be told, if anything."""
+        """Follow the scene's bound at a position; return the bound that the master needs, if any."""
         bound = rounded_bound(bound)
         if bound is not None and not bound.contains(position_m):
             bound = None

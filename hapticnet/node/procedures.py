@@ -1,4 +1,4 @@
-"""Procedures with a fingertip alone, without a slave: meet the finger, a step of the target, measure its stiffness.
+"""Procedures with a fingertip alone, without a slave: find the finger, step the target, measure the finger's stiffness.
 
 A procedure is ticked like a node, in virtual or real time, and returns whether it is done.
 """
@@ -25,7 +25,7 @@ LONGEST_SEARCH_US: Final = 10_000_000
 """Longest search [µs] for a finger: several times what the platform takes for its whole travel."""
 
 TUNING_FORCES_N = (0.5, 0.8, 1.2, 1.6, 2.0)
-"""Forces [N] at which a finger is measured: only rising, to exclude the play of the gears and the hysteresis of the
+"""Forces [N] at which a finger is measured, only increasing, to exclude the play of the gears and the hysteresis of the
 sensor, and at most the paper's step."""
 
 LEAST_SPAN_N: Final = 0.3  # smallest range of forces [N] from which a stiffness is computed
@@ -33,7 +33,7 @@ MEETING_N: Final = 0.5
 MEETING_US: Final = 1_000_000
 MEETING_WITHIN_US: Final = 5_000_000
 RELEASE_US: Final = 300_000
-"""Force [N] and duration [µs] of the press that meets a finger, longest search, and time to go back from it."""
+"""Force [N] and duration [µs] of the press that finds a finger, longest search, and time to retreat from it."""
 
 REST_US: Final = 1_200_000  # time [µs] for which each force is held; the mean of the second half is used
 
@@ -106,19 +106,19 @@ class StepTest(Procedure):
 
 @dataclass(frozen=True, slots=True)
 class Met:
-    """How a finger was met: mean force sensed at the end of the press [N], and platform displacement at contact [m]."""
+    """A found finger: mean force sensed at the end of the press [N], and platform displacement at contact [m]."""
 
     sensed_n: float
     contact_m: float
 
 
 class Meeting(Procedure):
-    """Find the finger, press it lightly, and wait just before it.
+    """Find the finger, press it lightly, and wait just before contact.
 
     A platform that was never pressed against its finger is retracted and searches at 10 mm/s, so a first contact that
     lasts less than about 0.2 s would not be felt at all.
 
-    `press_us`: its duration [µs], once the finger is felt.
+    `press_us`: duration [µs] of the press, once the finger is felt.
     """
 
     def __init__(self, fingertip: Fingertip, *, force_n: float = MEETING_N, press_us: int = MEETING_US) -> None:
@@ -149,7 +149,7 @@ class Meeting(Procedure):
         return since_us >= self._press_us + RELEASE_US
 
     def result(self) -> Met:
-        """Return how the finger was met; raise UnavailableError if the press was not felt."""
+        """Return the result; raise UnavailableError if the press was not felt."""
         sensed_n = self._sum_n / self._readings if self._readings else 0.0
         if sensed_n < 0.5 * self._force_n:
             raise UnavailableError(
@@ -229,22 +229,22 @@ class Tuning(Procedure):
 
 FIRST_TOUCH_N: Final = 1.0
 FIRST_TOUCH_US: Final = 500_000
-"""Force [N] and duration [µs] of the first touch. The stiffness shows in how the force rises: less force would leave it
-uncertain. A fifth of the largest force, and half of what a finger is tuned with."""
+"""Force [N] and duration [µs] of the first touch. The rise of the force shows the stiffness: less force would leave it
+uncertain. A fifth of the largest force, and half of the tuning force."""
 
 
 class FirstTouch(Meeting):
     """The first touch of a finger, before a master asks for a session.
 
     A platform that was never pressed against its finger is retracted and does not know where it is or how stiff. The
-    first force of a session would then be felt late: the platform searches at 10 mm/s, and presses with caution.
+    first force of a session would then be felt late: the platform searches at 10 mm/s, and presses cautiously.
     """
 
     def __init__(self, fingertip: Fingertip) -> None:
         super().__init__(fingertip, force_n=min(FIRST_TOUCH_N, fingertip.largest_n), press_us=FIRST_TOUCH_US)
 
     def outcome(self, now_us: int) -> FingerMet | FingerNotMet | None:
-        """Press one step; return what came of it once it is over. The device may raise anything."""
+        """Press one step; return the result once it is finished. The device may raise anything."""
         try:
             if not self.tick(now_us):
                 return None

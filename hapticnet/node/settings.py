@@ -1,4 +1,4 @@
-"""What a master asks for and how it applies forces; what a slave grants and how it keeps its sessions."""
+"""Settings of a master (its request, and how it applies forces) and of a slave (its grants and sessions)."""
 
 from dataclasses import dataclass, field
 from typing import Final, Literal, TypeAlias
@@ -18,19 +18,19 @@ Positions: TypeAlias = Literal["raw", "line"]
 DeviceTakes: TypeAlias = Literal["x", "y", "z", "norm"]  # the part of the force that a device with one axis renders
 LEAST_AGE_ON_A_LINE_US: Final = 200_000
 """Smallest `max_age_us` with positions that are only sent when they matter: the position behind an answer may be 150 ms
-older than the time that it is for, so that with a shorter limit no answer would be fresh."""
+older than the time it answers, so that with a shorter limit no answer would be fresh."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class MasterSettings:
-    """What a master asks for, and how it applies the forces it receives."""
+    """A master's request, and how it applies the forces it receives."""
 
     # the feedback codec, its own parameters, and the JND of the person at this master
     codec: str = "deadband"
     parameters: dict[str, float] = field(default_factory=dict)
     law: WeberLaw = field(default_factory=WeberLaw)
     rate_hz: float = 1000.0  # positions per second to ask for; the slave may grant less
-    # what to send of them: "raw", every one; "line", those that matter, each with a velocity. A slave whose scene
+    # which positions to send: "raw", every one; "line", those that matter, each with a velocity. A slave whose scene
     # cannot be stepped in between grants "raw".
     positions: Positions = "raw"
     position_share: float = 0.25  # with "line": share of the JND for positions, 0.01 to 0.9
@@ -38,14 +38,14 @@ class MasterSettings:
     key: MasterKey | None = None  # this master's key and the slave's public key; None for an open session
     record: bool = False  # whether every tick is recorded
     record_datagrams: bool = False  # whether every datagram is recorded
-    # what an exception of the operator does: end the session, or pause until `MasterNode.resume`. The force goes to
+    # effect of an operator's exception: end the session, or pause until `MasterNode.resume`. The force goes to
     # zero in either case. An exception of the codec or the device always ends the session.
     on_error: OnError = "end"
     device_takes: DeviceTakes = "x"  # the axis of the force that the device renders, or its norm
-    announced: bool = False  # whether to ask for models of the contact ahead, and to render them at the own position
+    announced: bool = False  # whether to ask for models of the contact ahead, and render them at its own position
     predicted: bool = False  # whether to ask for forces where the hand will be when they arrive
     passive: bool = False  # whether passivity control damps a force that would return more energy than the hand put in
-    first_touch: bool = False  # whether to meet the finger before asking for a session
+    first_touch: bool = False  # whether to find the finger before asking for a session
     session: SessionSettings = field(default_factory=SessionSettings)
     hold: HoldSettings = field(default_factory=HoldSettings)
     limits: LimitSettings = field(default_factory=LimitSettings)
@@ -77,7 +77,7 @@ def device_axis(takes: DeviceTakes, axes: int) -> int | None:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SlaveSettings:
-    """What a slave grants, and how it keeps each of its sessions."""
+    """A slave's grants, and how it keeps its sessions."""
 
     record: bool = False  # whether every sample is recorded
     record_datagrams: bool = False  # whether every datagram is recorded

@@ -21,19 +21,19 @@ from hapticnet.protocol.stats import Traffic
 from hapticnet.protocol.wire import OPEN, SEALED, Datagram, Kind, pack, unpack
 
 NOTICES_AT_ONCE: Final = 20
-"""Masters that are told at once that the slave is to stop: all of a thousand would wait for their forces meanwhile."""
+"""Masters notified at once of the slave's stop: notifying a thousand would delay their forces."""
 
 NOTICE_EVERY_US: Final = 2_000_000  # least time [µs] between two such notices to a master; a datagram may be lost
 STOPPING: Final = "this slave is about to stop: end soon, or go on elsewhere"
 
-REPORTS_KEPT: Final = 1000  # accounts of ended sessions that are kept: one or two megabytes, so that memory is bounded
+REPORTS_KEPT: Final = 1000  # most reports kept of ended sessions: one or two megabytes, so that memory is bounded
 
 
 class SlaveNode:
-    """Serve any number of masters, each with its own scene, codec and account.
+    """Serve any number of masters, each with its own scene, codec and report.
 
     `doors`: how to read the HELLOs of each version that is served; open sessions by default.
-    `host_of`: returns the host of an address: whom open sessions count for, and whose requests are limited.
+    `host_of`: returns the host of an address: the identity of open sessions, and the unit of the request limit.
     `clock`: times the steps of scenes and of users' codecs; None: they are not timed.
     """
 
@@ -62,7 +62,7 @@ class SlaveNode:
         self._welcomes: dict[tuple[Address, int], tuple[SlaveContext, bytes]] = {}
         self._steps = LineSteps()
         self._to_notify: list[SlaveContext] = []
-        self._notify_us = 0  # when all masters are told again that the slave is to stop
+        self._notify_us = 0  # time of the next stop notice to all masters
         self._to_answer: list[SlaveContext] = []
         self._to_account: list[SlaveContext] = []
         self.never_used = 0
@@ -92,7 +92,7 @@ class SlaveNode:
         self.account_sent(now_us)
 
     def receive_datagrams(self, batch: Iterable[tuple[bytes, Address]], now_us: int) -> None:
-        """Process what has arrived, then answer the newest position of each session; send that, then `account_sent`."""
+        """Process arrivals, then answer the newest position of each session; send this, then call `account_sent`."""
         self._table.see(now_us)
         for data, address in batch:
             self._receive(data, address, now_us)
@@ -103,7 +103,7 @@ class SlaveNode:
         self._to_answer.clear()
 
     def account_sent(self, now_us: int) -> None:
-        """Account for the answers, which are on their way by now."""
+        """Account for the answers, once they are sent."""
         for context in self._to_account:
             try:
                 context.account_sent()
@@ -113,7 +113,7 @@ class SlaveNode:
         self._to_account.clear()
 
     def tick(self, now_us: int) -> None:
-        """Forget sessions that were silent for long, and step scenes along lines; send that, then `account_sent`."""
+        """Forget long silent sessions, and step scenes along lines; send the answers, then call `account_sent`."""
         self._table.see(now_us)
         for context in self._table.expired(now_us):
             self._forget(context, Trigger.IDLE, "nothing arrived from the master")
@@ -122,12 +122,12 @@ class SlaveNode:
             self._to_account.append(context)
 
     def check(self, now_us: int, waited_us: Clock = no_wait) -> None:
-        """Look whether scenes keep up with positions; call this a few times a second.
+        """Check whether scenes keep up with positions; call this a few times a second.
 
-        `waited_us` returns how long this thread has waited for a processor in all [µs].
+        `waited_us` returns the total time [µs] that this thread has waited for a processor.
 
-        What is too slow is told once as an event, and to its masters once a second while it lasts. After `drain`, the
-        masters are told that the slave is to stop.
+        Slow code is reported once as an event, and to its masters once a second while it lasts. After `drain`, the
+        masters are notified that the slave is about to stop.
         """
         if self.draining:
             self._tell_stop(now_us)
@@ -141,18 +141,18 @@ class SlaveNode:
                 self._notify(context, str(slow.warning), Code.SLOW, now_us)
 
     def drain(self, now_us: int) -> None:
-        """Take no new masters from now on, and tell the present ones: they may finish until `close`."""
+        """Accept no new masters from now on, and notify the present ones; they may finish until `close`."""
         self._admission.takes_new = False
         self._tell_stop(now_us)
 
     @property
     def draining(self) -> bool:
-        """Whether new masters are refused because the slave is to stop."""
+        """Whether new masters are refused because the slave is about to stop."""
         return not self._admission.takes_new
 
     @property
     def drained(self) -> bool:
-        """Whether no master has a session any more."""
+        """Whether all sessions have ended."""
         return not any(context.seated for context in self._contexts.values())
 
     def next_timer_us(self) -> int | None:
@@ -177,14 +177,14 @@ class SlaveNode:
             self._end(context, reason, now_us, code=Code.STOPPING)
 
     def resume(self) -> None:
-        """Step the scenes again that have failed and are paused."""
+        """Step failed and paused scenes again."""
         for context in self.contexts:
             if context.paused is not None:
                 context.resume()
                 self._events.append(SceneResumed(context))
 
     def serve_only(self, roster: Roster, now_us: int) -> None:
-        """Use another list of masters; end the sessions of those who are no longer in it."""
+        """Use another list of masters; end the sessions of masters no longer listed."""
         door = self._doors[SEALED]
         assert isinstance(door, SealedDoor)  # noqa: S101 - for the type checker
         door.roster = roster
@@ -194,7 +194,7 @@ class SlaveNode:
                 self._end(context, "the key is no longer served", now_us, code=Code.KEY)
 
     def report(self) -> dict[str, Any]:
-        """Return the account of the sessions for JSON, present and ended; those without a seat are unknown peers."""
+        """Return the report of present and ended sessions for JSON; those without a seat count as unknown peers."""
         return {
             "sessions": [*self._ended, *(self._report(context) for context in self.contexts if context.seated)],
             "never_used": self.never_used,
@@ -223,7 +223,7 @@ class SlaveNode:
             if (
                 datagram.version != session.version
                 or (context.address != address and session.seal is None)
-                or (datagram.kind is not Kind.POSITION and datagram.kind is not Kind.CLOSE)  # no master sends these
+                or (datagram.kind is not Kind.POSITION and datagram.kind is not Kind.CLOSE)  # masters never send these
             ):
                 self._receive_stray(datagram, len(data), address)
                 return
@@ -250,13 +250,13 @@ class SlaveNode:
             return
         if answer is not None:
             self._outbox.append((answer, context.address))
-        if context.reckoning is not None:  # asked here, because every position waits for this
+        if context.reckoning is not None:  # checked here, to keep the path of a position short
             self._steps.note(context)
         if context.paused is not None and was_paused is None:
             self._events.append(ScenePaused(context, context.paused))
 
     def _seat(self, context: SlaveContext, now_us: int) -> bool:
-        """Give a session whose master has proved itself its seat; return False if there is none."""
+        """Give a proved session its seat; return False if none is free."""
         if self._scene_is_taken(context, now_us):
             self._end(context, "the scene that it was to continue is in use again", now_us)
             return False
@@ -272,12 +272,12 @@ class SlaveNode:
             context.inherit(context.continues)
             self._forget(context.continues, Trigger.CONTINUED, "its master goes on in a new session")
         self._table.seat(context)
-        self._forget_greeting(context)  # its master has the WELCOME: who repeats the HELLO now is somebody else
+        self._forget_greeting(context)  # its master has the WELCOME, so a repeated HELLO comes from somebody else
         self._events.append(MasterJoined(context))
         return True
 
     def _scene_is_taken(self, context: SlaveContext, now_us: int) -> bool:
-        """Return whether, since its HELLO, another master uses the scene again that a session was to continue."""
+        """Return whether another master has resumed, since the HELLO, the scene that a session was to continue."""
         for other in self._table.users_of(context.scene):
             silent = other.session.silent_us(now_us) > self._settings.session.stale_after_us
             if other is not context.continues or not (silent or context.same_clock):
@@ -319,7 +319,7 @@ class SlaveNode:
             name, public = visitor.request.name, visitor.public
             self._events.append(MasterRefused(name, address, public, refusal.code, str(refusal)))
             return None
-        welcome = context.session.welcome(hello.nonce, *visitor.answer(context.grant))  # the last that can fail
+        welcome = context.session.welcome(hello.nonce, *visitor.answer(context.grant))  # the last step that can fail
         surplus = self._table.surplus_half_open(context.identity)
         if surplus is not None:
             self._forget(surplus, Trigger.REPLACED, "its place was needed")
@@ -343,13 +343,13 @@ class SlaveNode:
         self._outbox.append((data, address))
 
     def _end(self, context: SlaveContext, reason: str, now_us: int, *, code: Code = Code.OTHER) -> None:
-        """End a session from this side and tell its master."""
+        """End a session from this side and notify its master."""
         context.failure = reason if code is Code.FAILED else None
         self._outbox.append((context.session.close(reason, now_us, code), context.address))
         self._forget(context, Trigger.CLOSE, f"the slave closed: {reason}")
 
     def _tell_stop(self, now_us: int) -> None:
-        """Tell some of the masters that the slave is to stop."""
+        """Notify some of the masters that the slave is about to stop."""
         if not self._to_notify and now_us >= self._notify_us:
             self._to_notify = [each for each in self._contexts.values() if each.seated]
             self._notify_us = now_us + NOTICE_EVERY_US
@@ -359,7 +359,7 @@ class SlaveNode:
                 self._notify(context, STOPPING, Code.STOPPING, now_us)
 
     def _notify(self, context: SlaveContext, reason: str, code: Code, now_us: int) -> None:
-        """Tell a master something about its session, which goes on."""
+        """Send a master a notice about its continuing session."""
         self._outbox.append((context.session.notice(reason, now_us, code), context.address))
 
     def _forget(self, context: SlaveContext, trigger: Trigger, reason: str) -> None:

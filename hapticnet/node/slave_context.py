@@ -1,4 +1,4 @@
-"""One master's place at the slave: session, scene, codec and account."""
+"""One master's context at the slave: session, scene, codec and report."""
 
 from collections.abc import Hashable
 from dataclasses import asdict
@@ -25,21 +25,21 @@ from hapticnet.scene.base import Touchable, bound_method, breaches_of
 from hapticnet.vectors import along
 
 MOST_SUCCESSORS: Final = 16
-"""Sessions that are to continue one that are remembered: a master whose link is bad may need several tries."""
+"""Most remembered successors of a session: a master with a bad link may need several tries."""
 
 
 _Answered: TypeAlias = tuple[PositionSample, Vector, Vector, bytes | None, bytes | None, int]
-"""An answer that is not accounted for yet: position, its force, the force that was coded, payload of the FORCE if any,
-datagram, and when [µs]."""
+"""An answer not yet accounted for: position, its force, the encoded force, payload of the FORCE if any,
+datagram, and time [µs]."""
 
 
 class SlaveContext:
     """Pass a position through decoder, scene and encoder.
 
-    `identity`: whom the session counts for: a public key, or the host of an open session.
-    `listed`: what the list of masters calls it; None for an open session.
-    `continues`: the context whose scene this one goes on with. A restarted master has another clock; `same_clock` tells
-    whether this one's time stamps go on from the old ones.
+    `identity`: the owner of the session: a public key, or the host of an open session.
+    `listed`: its name in the list of masters; None for an open session.
+    `continues`: the context whose scene this one continues. A restarted master has another clock; `same_clock` says
+    whether this one's time stamps continue the old ones.
     """
 
     def __init__(
@@ -77,7 +77,7 @@ class SlaveContext:
         self.superseded = 0
         self.paused: str | None = None
         self.failure: str | None = None  # why this side closed the session, if its code failed
-        # the newest position that was answered: its time [µs] on the master's clock, position [m], true force [N],
+        # the newest answered position: its time [µs] on the master's clock, position [m], true force [N],
         # force that the master holds if nothing is lost [N], and whether a force was transmitted. None before the
         # first.
         self.newest: tuple[int, Vector, Vector, Vector, bool] | None = None
@@ -101,13 +101,13 @@ class SlaveContext:
         self._scene_time = times.of(what)
         self._copy_time = times.of(f"the copy of {what}") if grant.predicted else NOT_TIMED
         self._codec_time = times.of_codec(codec)
-        self._master_state: int | None = None  # which layers of the model the master has pierced
+        self._master_state: int | None = None  # layers of the model pierced at the master
         self._zero_n = (0.0,) * scene.axes
         self._error = RunningError(codec.law)
 
     @property
     def feedback(self) -> Feedback:
-        """What is sent for each force; built at the first position, so that an unused session costs little."""
+        """The encoder of answers; built at the first position, so that an unused session costs little."""
         if self._feedback is None:
             self._feedback = Feedback(
                 self.session, self.codec, self.scene, announced=self.grant.announced, rate_hz=self.grant.rate_hz
@@ -135,7 +135,7 @@ class SlaveContext:
     def receive(self, datagram: Datagram, data: bytes, address: Hashable, now_us: int) -> bool:
         """Process a datagram of this session; return whether there is now a position to `answer`.
 
-        Only the newest position is answered. A slave that was stopped thus does not work off what has queued up. Raise
+        Only the newest position is answered. A suspended slave thus skips the queue. Raise
         PeerError if it cannot be opened or is malformed; the caller counts it.
         """
         if self.datagrams is not None:
@@ -144,7 +144,7 @@ class SlaveContext:
         if taken is None:
             return False
         if self.session.seal is not None:
-            self.address = address  # the newest datagram that opens tells where the master is
+            self.address = address  # the newest datagram that opens gives the master's address
         t_us, (state, line) = taken
         position_m = line.position_m
         if self.reckoning is not None:
@@ -198,7 +198,7 @@ class SlaveContext:
             return None
         self.account_sent()
         self.between += 1
-        if self.reckoning is not None:  # also if the scene refuses the place, so that the next step is one period later
+        if self.reckoning is not None:  # even if the scene refuses the position: the next step is one period later
             self.reckoning.answered(sample.t_us)
         try:
             force_n = self._step(sample)
@@ -208,13 +208,13 @@ class SlaveContext:
             return None
 
     def _answer_line(self, reckoning: DeadReckoning, sample: PositionSample, now_us: int) -> bytes | None:
-        """Move the scene to a position that was received, and answer the present, if it was late."""
+        """Move the scene to a received position; if it was late, answer for the present."""
         t_us = reckoning.present_us(now_us)
-        # What lasts, such as a breach, happens here, at a position that was received. Time does not go back.
+        # Lasting changes, such as a breach, happen here, at a received position. Time does not go back.
         force_n = self._step(PositionSample(t_us, sample.position_m))
         self._look(sample.position_m)
         if reckoning.bound is not None and reckoning.bound.damping_n_s_per_m:
-            # Since the last step the hand has left the old line. It moves as the new one says.
+            # The hand left the old line after the last step. It now follows the new one.
             before_us = t_us - VELOCITY_STEP_US
             back_m = along(sample.position_m, -1e-6 * VELOCITY_STEP_US, reckoning.arriving_m_per_s)
             self._step(PositionSample(before_us, reckoning.bound.nearest(back_m)))
@@ -226,7 +226,7 @@ class SlaveContext:
         return self._answer(sample._replace(t_us=t_us), force_n, now_us)
 
     def _look(self, position_m: Vector) -> None:
-        """Ask the scene how the force may change near a position, and tell the master."""
+        """Ask the scene for its stiffness bound near a position, and send it to the master."""
         reckoning, look = self.reckoning, bound_method(self.scene)
         if reckoning is None or look is None or self.paused is not None:
             return
@@ -279,7 +279,7 @@ class SlaveContext:
 
     @property
     def slow(self) -> StepTime | None:
-        """The code of this session whose steps are too slow now; None if there is none."""
+        """The code (scene or codec) of this session whose steps are too slow now; None if none is."""
         times = self._scene_time, self._copy_time, self._codec_time
         return next((each for each in times if each.is_slow), None)
 
@@ -307,7 +307,7 @@ class SlaveContext:
         return force_n
 
     def _led(self, sample: PositionSample) -> PositionSample:
-        """Return where to step the scene: where the hand is expected, if a robot moves ahead by itself."""
+        """Return the position at which to step the scene: the expected one, for a robot that moves ahead."""
         if self._ahead is None:
             return sample
         force_n = self._zero_n if self.newest is None else self.newest[2]
@@ -323,7 +323,7 @@ class SlaveContext:
         self.paused = reason
 
     def _begin(self, t_us: int, now_us: int) -> int:
-        """Return what to add to the master's time [µs] so that the time of a continued scene goes on evenly."""
+        """Return the offset [µs] from the master's time that makes a continued scene's time run on evenly."""
         old, self.continues = self.continues, None  # so that a chain of sessions does not stay in memory
         if old is None or old._shift_us is None:
             return 0
@@ -332,7 +332,7 @@ class SlaveContext:
         return old._scene_us + max(0, now_us - old._stepped_us) - t_us
 
     def report(self) -> dict[str, Any]:
-        """Return the account of this session for JSON."""
+        """Return the report of this session for JSON."""
         forces = self.session.sent.by_kind[Kind.FORCE]
         return {
             "session": self.session.number,

@@ -116,7 +116,7 @@ class StepTimes:
         self._waited_us = 0
 
     def of(self, what: str) -> StepTime:
-        """Return where to note the times of a piece of code."""
+        """Return the record for the times of a piece of code."""
         if self._clock is None:
             return NOT_TIMED
         if what not in self._times:
@@ -124,7 +124,7 @@ class StepTimes:
         return self._times[what]
 
     def of_codec(self, codec: Codec) -> StepTime:
-        """Return where to note the times of a codec: only those of users are timed."""
+        """Return the record for the times of a codec; only users' codecs are timed."""
         source = getattr(codec, "source", None)
         return NOT_TIMED if source is None else self.of(f"codec {source}")
 
@@ -134,19 +134,19 @@ class StepTimes:
 
     @property
     def reported(self) -> list[StepsTooSlow]:
-        """What was told so far."""
+        """The reports so far."""
         return [each.warning for each in self if each.warning is not None]
 
     @property
     def explains_delay(self) -> bool:
-        """Whether slow steps are why the process fell behind in the last window."""
+        """Whether slow steps made the process fall behind in the last window."""
         return any(each.was_slow for each in self)
 
     def check(self, now_us: int, waited_us: Clock = no_wait) -> list[StepsTooSlow] | None:
-        """Judge the time since the last call; return what to tell, None while the window goes on.
+        """Judge the time since the last call; return the report, None while the window lasts.
 
-        `waited_us` returns how long this thread has waited for a processor in all [µs]: on a busy machine, steps that
-        are interrupted take long, too, and are not to blame.
+        `waited_us` returns this thread's total wait [µs] for a processor: on a busy machine, steps that
+        are interrupted also take long, but are not to blame.
         """
         since_us = self._since_us
         if since_us is not None and 0 <= now_us - since_us < WINDOW_US:
@@ -174,5 +174,5 @@ class StepTimes:
         return took
 
     def report(self) -> dict[str, Any]:
-        """Return the account for JSON, by what was timed."""
+        """Return the report for JSON, by the timed code."""
         return {each.what: {**each.took.report(), "too_slow": each.warning is not None} for each in self}

@@ -42,7 +42,7 @@ CLOCK_US: Final = Range("clock", 0, (1 << 53) - 1, "µs")
 """The master's clock: 285 years, which recordings hold as float64 without rounding."""
 
 HELLO_SEQUENCE: Final = Range("sequence of a sealed HELLO", 0, (1 << 20) - 1)
-"""The first epoch of keys (`protocol.seal`): a session that began later could not open its datagrams."""
+"""The first epoch of keys (`protocol.seal`): a session that begins later could not open its datagrams."""
 
 PERCENT: Final = Range("loss", 0, 100, "%")  # shares in the report of loss
 WAITED_MS: Final = Range("wait", 0, 255, "ms")
@@ -59,7 +59,7 @@ TICKET_BYTES: Final = 16
 
 
 class Code(enum.IntEnum):
-    """Why a session was refused or closed, for a program to act on. A number that is not listed reads as `OTHER`."""
+    """Why a session was refused or closed, for a program to act on. An unlisted number reads as `OTHER`."""
 
     OTHER = 0
     VERSION = 1
@@ -80,19 +80,19 @@ class Code(enum.IntEnum):
 class Hello(NamedTuple):
     """Master to slave: asks for a session."""
 
-    nonce: int  # fresh for each session asked for; comes back in every answer
-    cookie: bytes  # what the slave's COOKIE said for this nonce; empty at first
-    request: bytes  # a packed `Request`; in version 2 the first Noise message, whose payload that is
+    nonce: int  # fresh for each requested session; repeated in every answer
+    cookie: bytes  # from the slave's COOKIE for this nonce; empty at first
+    request: bytes  # a packed `Request`; in version 2 the first Noise message, which contains it
     mac: bytes = b""  # shows that the sender knows the slave's public key (version 2); empty in version 1
 
 
 class Request(NamedTuple):
     """The session that a master asks for. The JND belongs to the person at the master.
 
-    `ticket` is that of a session whose scene it wants to go on with, or None. `clock_us` is what the master's clock
-    shows when it asks [µs]: time stamps of positions are its lower 32 bits, so that with it both sides record the same
-    times. `announced` tells whether it renders models of the contact ahead. `position_share` is the share of the JND
-    that positions may use, if they are to be sent only when they matter; 0: every position is sent. `predicted` asks
+    `ticket` belongs to the session whose scene it wants to continue, or is None. `clock_us` is the master's clock
+    when it asks [µs]: time stamps of positions are its lower 32 bits, so that with it both sides record the same
+    times. `announced` says whether it renders models of the contact ahead. `position_share` is the share of the JND
+    that positions may use, if they are sent only when they matter; 0: every position is sent. `predicted` asks
     for forces where the hand will be when they arrive.
     """
 
@@ -133,12 +133,12 @@ class Welcome(NamedTuple):
 class Grant(NamedTuple):
     """The session that a slave grants."""
 
-    session: int  # its number
-    rate_hz: float  # positions per second that are served
+    session: int  # number of the session
+    rate_hz: float  # positions per second served
     keepalive_us: int  # longest silence while positions arrive
     scene: str  # name of the scene
-    ticket: bytes  # with it, a later session goes on with this one's scene
-    resumed: bool  # whether this session goes on with the scene of an earlier one
+    ticket: bytes  # lets a later session continue this one's scene
+    resumed: bool  # whether this session continues the scene of an earlier one
     announced: bool = False  # whether the contact ahead is announced (docs/refer/payloads.md)
     position_share: float = 0.0  # as in the request; 0 if the master must send every position
     predicted: bool = False  # whether the forces are those where the hand will be when they arrive
@@ -158,7 +158,7 @@ class Refuse(NamedTuple):
 
 
 class Refusal(NamedTuple):
-    """No session, and why, in place of a grant in a sealed WELCOME; `session` is 0."""
+    """No session, and why, instead of a grant in a sealed WELCOME; `session` is 0."""
 
     session: int
     reason: str
@@ -166,17 +166,17 @@ class Refusal(NamedTuple):
 
 
 class Position(NamedTuple):
-    """Master to slave: where the tool tip is."""
+    """Master to slave: the position of the tool tip."""
 
     t_us: int  # time of the position on the master's clock
     newest: int | None  # sequence of the newest FORCE applied, or of a KEEPALIVE after it that confirmed it
     payload: bytes  # the position
     loss: Loss | None = None  # how many of the slave's datagrams the master misses; None: not reported
-    waited_ms: int = 0  # for how long what it names had arrived, where positions are few
+    waited_ms: int = 0  # time since the datagram it names arrived, with few positions
 
 
 class Force(NamedTuple):
-    """Slave to master: the whole stimulus for the position of time `t_us`, and how it may change from there."""
+    """Slave to master: the whole stimulus for the position of time `t_us`, and possibly a stiffness bound."""
 
     t_us: int
     payload: bytes
@@ -184,7 +184,7 @@ class Force(NamedTuple):
 
 
 class Keepalive(NamedTuple):
-    """Slave to master: position `t_us` was heard, and FORCE `newest_force` still holds."""
+    """Slave to master: position `t_us` was received, and FORCE `newest_force` still holds."""
 
     t_us: int
     newest_force: int | None
@@ -199,7 +199,7 @@ class Close(NamedTuple):
 
 
 class Notice(NamedTuple):
-    """Slave to master: what the person there should know; the session goes on."""
+    """Slave to master: a notice for the person there; the session continues."""
 
     reason: str
     code: Code
@@ -221,12 +221,12 @@ def unpack_hello(body: bytes) -> Hello:
 
 
 def pack_contents(contents: Request | Grant | Refusal) -> bytes:
-    """Return a packed request, grant or refusal. `predicted` comes last, and is left out if it is false."""
+    """Return a packed request, grant or refusal. `predicted` comes last, and is omitted if false."""
     return pack_body(contents[:-1] if contents[-1] is False else contents)
 
 
 def unpack_request(packed: bytes) -> Request:
-    """Return the request of a HELLO; raise PeerError if it is invalid. `Request.check` says what is out of range."""
+    """Return the request of a HELLO; raise PeerError if it is invalid. `Request.check` checks the ranges."""
     fields = unpack_body(packed, 12, optional=1)
     codec, parameters, *law, rate_hz, axes, name, ticket, clock_us, announced, share = fields[:12]
     predicted = len(fields) > 12 and fields[12]
@@ -377,7 +377,7 @@ def _reason_and_code(body: bytes) -> tuple[str, Code]:
 
 
 def _bound(more: list[Any]) -> bytes | None:
-    """Return the bound in the fields after those that every answer has."""
+    """Return the bound in an answer's optional fields."""
     bound = more[0] if more else None
     _require(bound is None or type(bound) is bytes, "bound", bound)
     return bound

@@ -27,19 +27,19 @@ from hapticnet.protocol.stats import Arrival, RoundTrip, Traffic
 from hapticnet.protocol.wire import OPEN, SEALED, Datagram, Kind, distance, pack, pack_body, unwrap, wrap
 from hapticnet.samples import Vector
 
-Place = TypeVar("Place")  # what the payload of a position says
-POLICED_SHARE: Final = 1.2  # positions a second that are served, over the granted rate: room for clocks that differ
+Place = TypeVar("Place")  # content of a position's payload
+POLICED_SHARE: Final = 1.2  # positions a second that are served, over the granted rate: allowance for differing clocks
 POLICED_BURST_S: Final = 1.0
 """Positions that a network may hold back and deliver at once, in seconds of the granted rate."""
 
-# Found faster, for what every position takes.
+# Faster to look up than the enum members, for every position.
 _POSITION: Final = Kind.POSITION
 _NEW: Final = Arrival.NEW
 _HALF_OPEN: Final = SlaveState.HALF_OPEN
 
 
 class SlaveSession:
-    """Sort a master's positions, few of them if `sparse`, and number the forces that answer them."""
+    """Sort a master's positions (few if `sparse`), and number the forces that answer them."""
 
     def __init__(
         self,
@@ -65,8 +65,8 @@ class SlaveSession:
         self._settings = settings
         self._sequence = wrap(settings.first_sequence + 1)
         self._newest_force: int | None = None
-        self._bound: bytes | None = None  # what the master is to be told until it acknowledges that
-        self._sent_since: int | None = None  # the first datagram that told it
+        self._bound: bytes | None = None  # stiffness bound to send until the master acknowledges it
+        self._sent_since: int | None = None  # the first datagram with it
         self._position_t_us = request.clock_us
         self.heard_us = now_us
         law = WeberLaw(weber_fraction=request.weber_fraction, floor_n=request.floor_n, multiplier=request.multiplier)
@@ -85,30 +85,30 @@ class SlaveSession:
     def receive(
         self, datagram: Datagram, data: bytes, now_us: int, read: Callable[[bytes], Place]
     ) -> tuple[int, Place] | None:
-        """Process a datagram of this session; return the time and place of its position if that is the newest one.
+        """Process a datagram of this session; return the time and place of its position if it is the newest.
 
-        The time stamp [µs] comes back unwrapped, the place as `read` returns it for the payload. A CLOSE moves the
-        session to CLOSED. Raise PeerError if the body cannot be opened, or it or its payload is malformed; nothing has
-        changed then, and the caller counts it.
+        The time stamp [µs] is unwrapped, the place is what `read` returns for the payload. A CLOSE moves the
+        session to CLOSED. Raise PeerError if the body cannot be opened, or is malformed; then nothing has
+        changed, and the caller counts it.
         """
         body = datagram.body
         received = self.received
         if self.seal is not None:
             body = self.seal.open(data, datagram)
-            if self._sequence > LAST_SEQUENCE - 2:  # no numbers left to answer with
+            if self._sequence > LAST_SEQUENCE - 2:  # no sequence numbers left for answers
                 received.add(datagram.kind, len(data))
                 received.stray += 1
                 return None
         if datagram.kind is _POSITION:
             t_us, newest, payload, loss, waited_ms = unpack_position(body)
-            place = read(payload)  # the last that can fail
+            place = read(payload)  # the last step that can fail
             received.add(_POSITION, len(data))
             if received.arrive(datagram.sequence) is not _NEW:
                 return None
-            if not self._policed.take(now_us):  # after the copies are sorted out: a replay must not use up the rate
+            if not self._policed.take(now_us):  # after dropping copies, so that a replay cannot use up the rate
                 received.over_rate += 1
                 return None
-            # About what the master's clock shows now: time stamps wrap, and a silent session may be older.
+            # Approximate present time of the master's clock: time stamps wrap, and a silent session may be older.
             clock_us = self._position_t_us
             if now_us > self.heard_us:
                 clock_us += now_us - self.heard_us
@@ -146,7 +146,7 @@ class SlaveSession:
     def force(self, t_us: int, payload: bytes, now_us: int, *, before: Vector | None, repeated: bool = False) -> bytes:
         """Return a FORCE that answers the position of time `t_us`.
 
-        `before`: what is held if it is lost; None if losing it does no harm.
+        `before`: the stimulus held if it is lost; None if losing it does no harm.
         `repeated`: whether it is redundant if the previous FORCE arrived.
         """
         sequence = self._sequence
@@ -157,7 +157,7 @@ class SlaveSession:
         return datagram
 
     def keepalive(self, t_us: int, now_us: int, *, held: Vector | None) -> bytes:
-        """Return a KEEPALIVE that answers the position of time `t_us` and confirms what is held."""
+        """Return a KEEPALIVE that answers the position of time `t_us` and confirms the held stimulus."""
         self.repair.kept_alive(self._sequence, now_us, held, tells=self._bound is not None)
         return self._datagram(Kind.KEEPALIVE, Keepalive(wrap(t_us), self._newest_force, self._bound), now_us)
 
@@ -167,7 +167,7 @@ class SlaveSession:
 
     @property
     def has_news(self) -> bool:
-        """Whether there is a stiffness bound that was not sent yet."""
+        """Whether a stiffness bound waits to be sent."""
         return self._bound is not None and self._sent_since is None
 
     def close(self, reason: str, now_us: int, code: Code = Code.OTHER) -> bytes:
@@ -179,9 +179,9 @@ class SlaveSession:
         return self._datagram(Kind.NOTICE, Notice(clipped(reason, REASON_BYTES), code), now_us)
 
     def silent_us(self, now_us: int) -> int:
-        """Return how long nothing has arrived [µs]."""
+        """Return the time since the last arrival [µs]."""
         heard_us = self.heard_us
-        if now_us < heard_us:  # after a clock went back, silence counts from there
+        if now_us < heard_us:  # if the clock went back, silence counts from there
             self.heard_us = heard_us = now_us
         return now_us - heard_us
 
@@ -200,7 +200,7 @@ class SlaveSession:
             body = pack_body(message)
         else:
             body = pack_answer(message)
-            self.repair.spoke(now_us)  # anything else does not show that positions arrive
+            self.repair.spoke(now_us)  # other acknowledgements do not show that positions arrive
             if self.has_news:
                 self._sent_since = self._sequence
             self.round_trip.sent(self._sequence, now_us)

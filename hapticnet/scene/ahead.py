@@ -1,4 +1,4 @@
-"""The contact ahead: what a scene announces of it, and the model of it that slave and master run alike.
+"""The contact ahead: a scene's announcement, and the model that slave and master both run.
 
 The model is the physics of the scene, on planes and from any state, stepped by positions. The master steps it by its
 own position, so that its force has no delay.
@@ -16,7 +16,7 @@ from hapticnet.vectors import dot, minus, plus, times
 MOST_LAYERS: Final = 8  # most layers of an announcement
 
 REACH_M: Final = 0.05
-"""How far from the tool layers are announced [m]: as far as a hand comes in a round trip of 250 ms at 200 mm/s."""
+"""Distance from the tool up to which layers are announced [m]: that of a hand in 250 ms at 200 mm/s."""
 
 STIFFEST_PER_HZ: Final = 10.0
 """Largest sum of the layers' stiffnesses, over the rate of the ticks [N·s/m].
@@ -40,7 +40,7 @@ ROUNDING: Final = 1e-6  # share by which rounding to float32 may exceed a limit
 class LayerAhead(NamedTuple):
     """A layer of tissue, a wall: its surface is a plane, at rest and untouched until the tool meets it.
 
-    The defaults say that there is no such effect. The first nine values are properties, the others the state now.
+    Defaults mean no such effect. The first nine values are properties, the others the state now.
     """
 
     surface_m: float  # position [m] of the surface at rest along the normal: a tool at x is x·n − surface past it
@@ -56,7 +56,7 @@ class LayerAhead(NamedTuple):
     # Unit vector into the layer, one component an axis. The force is along it, positive where it pushes out.
     normal: Vector = (1.0,)
     pierced: bool = False  # whether the tool has pierced the layer, and has not been withdrawn since
-    raised_m: float = 0.0  # how far the surface, which is returning after a breach, is behind its rest position [m]
+    raised_m: float = 0.0  # distance of a returning surface behind its rest position after a breach [m]
     shaft_n: float = 0.0  # friction [N] now
 
     @property
@@ -70,11 +70,11 @@ class LayerAhead(NamedTuple):
 
 
 LookAhead: TypeAlias = Callable[[], Sequence[LayerAhead] | None]
-"""Returns the layers that can be met from the newest position on, or None where the scene cannot tell now."""
+"""Returns the layers that can be met after the newest position, or None if unknown."""
 
 
 def stiffest_at(rate_hz: float) -> float:
-    """Return the largest sum of stiffnesses [N/m] that a master with so many ticks a second renders."""
+    """Return the largest sum of stiffnesses [N/m] that a master with this many ticks a second renders."""
     return min(STIFFEST_N_PER_M, STIFFEST_PER_HZ * rate_hz)
 
 
@@ -97,7 +97,7 @@ def check_layers(layers: Sequence[LayerAhead], axes: int, stiffest_n_per_m: floa
 
 
 def too_stiff(layers: Sequence[LayerAhead], stiffest_n_per_m: float) -> str:
-    """Return in words that layers are stiffer together than a master renders [N/m]."""
+    """Return the message that layers together are stiffer than a master renders [N/m]."""
     total = sum(layer.stiffest_n_per_m for layer in layers)
     words = f"layers ahead of {total:g} N/m together; at most {stiffest_n_per_m:g} N/m are rendered at this rate"
     if any(layer.stiffening_per_m and layer.breach_force_n > LARGEST_FORCE_N for layer in layers):
@@ -150,11 +150,11 @@ class ContactModel:
         return self.force_n
 
     def predict(self, t_us: int, position_m: Vector) -> Vector:
-        """Return the force [N] at a position to come, without going there."""
+        """Return the force [N] at a future position, without moving there."""
         return ContactModel(self.layers(), self._t_us, self._position_m, None).step(t_us, position_m)
 
     def layers(self) -> tuple[LayerAhead, ...]:
-        """Return the layers in the state that they have now."""
+        """Return the layers in their present state."""
         return tuple(
             layer.given._replace(pierced=layer.pierced, raised_m=layer.raised_m, shaft_n=layer.shaft_n)
             for layer in self._layers
@@ -166,7 +166,7 @@ class ContactModel:
         return sum(layer.pierced << index for index, layer in enumerate(self._layers))
 
     def adopt(self, state: int) -> None:
-        """Make those layers pierced or intact that `state` says are; the force follows."""
+        """Set the layers pierced or intact according to `state`; update the force."""
         if state == self.state:
             return
         for index, layer in enumerate(self._layers):
@@ -184,7 +184,7 @@ class ContactModel:
         self._t_us, self._position_m = t_us, position_m
 
     def _press(self) -> Vector:
-        """Return the force of all layers on the tool, where it is now."""
+        """Return the force of all layers on the tool at its present position."""
         total = self._zero_n
         for layer in self._layers:
             given = layer.given
@@ -239,7 +239,7 @@ class _Layer:
         return min(elastic_n, LARGEST_FORCE_N)
 
     def become(self, pierced: bool, depth_m: float) -> None:
-        """Pierce the layer at a depth, or heal it: a healed surface goes on returning."""
+        """Pierce the layer at a depth, or heal it: a healed surface keeps returning."""
         self.pierced = pierced
         self.shaft_n = 0.0
         self._depth_m = depth_m

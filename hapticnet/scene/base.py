@@ -1,4 +1,4 @@
-"""What a master touches: the interface of a virtual scene, a robot, an engine or a recording, and objects of users."""
+"""The interface of anything that a master touches (scene, robot, engine or recording), and users' objects."""
 
 import math
 from collections.abc import Callable, Sequence
@@ -16,19 +16,19 @@ class Touchable(Protocol):
 
     If it also has an attribute ``breaches``, recordings and reports show it: surfaces breached so far. If it has a
     method ``welcome(master: str)``, that is called once, before the first step, with the name of the master; an
-    exception refuses the session. If it has a method ``ahead()``, that tells which layers can be met from the newest
-    position on: a sequence of `scene.ahead.LayerAhead`, the nearest first, or None where it cannot tell now. It is
+    exception refuses the session. If it has a method ``ahead()``, that returns the layers to be met after the newest
+    position: a sequence of `scene.ahead.LayerAhead`, the nearest first, or None if unknown. It is
     called after a step, at most as often as ``step``, and must not wait.
 
-    If it has a method ``stiffness_bound()``, that returns a `StiffnessBound` for the newest position, or None where it
-    cannot tell now. Such a scene may be stepped at positions that the master did not send, but that are within the box
-    of the newest bound. A robot that moves at each step may have it; one that must not move without an order must not.
+    If it has a method ``stiffness_bound()``, that returns a `StiffnessBound` for the newest position, or None if
+    unknown. Such a scene may be stepped at positions that the master did not send, but that are within the box
+    of the newest bound. A robot that must only move on received positions must not have it.
 
-    If it has a method ``copy()``, that returns an independent scene in the same state, in some 10 µs. A slave steps
+    If it has a method ``copy()``, that returns an independent scene in the same state, in about 10 µs. A slave steps
     copies at positions that it expects, and throws them away. Copies must move nothing that is real.
 
-    What is real and has no copy may have an attribute ``moves_ahead_n``: it may be stepped at positions where the hand
-    is expected, while the round trip is short (`node.hand_predictor.LONGEST_LEAD_US`) and the force is below so many
+    A real object without copies may have an attribute ``moves_ahead_n``: it may be stepped at positions where the hand
+    is expected, while the round trip is short (`node.hand_predictor.LONGEST_LEAD_US`) and the force is below this many
     newtons. **It then moves to places where the hand may never be.**
     """
 
@@ -55,7 +55,7 @@ def look_ahead_of(scene: Touchable) -> LookAhead | None:
 
 
 def bound_method(scene: Touchable) -> Callable[[], StiffnessBound | None] | None:
-    """Return the method ``stiffness_bound`` of a scene; None if it takes only positions that were sent."""
+    """Return the method ``stiffness_bound`` of a scene; None if it only accepts sent positions."""
     bound: Callable[[], StiffnessBound | None] | None = getattr(scene, "stiffness_bound", None)
     return bound
 
@@ -72,7 +72,7 @@ def lead_limit_n(scene: Touchable) -> float:
 
 
 def breaches_of(scene: Touchable) -> int:
-    """Return how many surfaces were breached so far; 0 if the scene does not know."""
+    """Return the number of surfaces breached so far; 0 if unknown."""
     return int(getattr(scene, "breaches", 0))
 
 
@@ -80,7 +80,7 @@ LONGEST_NAME: Final = 64  # most bytes of a scene's name, which travels to the m
 
 
 class HasStep(Protocol):
-    """What a user's object must have to be touched; see `UserScene` for what it may have besides."""
+    """Required method of a user's object that is touched; see `UserScene` for optional members."""
 
     def step(self, sample: PositionSample, /) -> ForceSample | float | Sequence[float]:
         """Return the force [N] at a position, positive when it pushes the tool out. It must not wait."""
@@ -148,7 +148,7 @@ class UserScene:
                 raise failure(f"{type(self.touched).__name__}.welcome", error) from error
 
     def step(self, sample: PositionSample) -> ForceSample:
-        """Return the force at a position; UserCodeError if the object raises, or returns no such force."""
+        """Return the force at a position; UserCodeError if the object raises, or returns an invalid force."""
         try:
             result = self._step(sample)
             if type(result) is ForceSample:
@@ -159,7 +159,7 @@ class UserScene:
         return ForceSample(sample.t_us, force_n)
 
     def _optional(self, name: str) -> Callable[[], Any] | None:
-        """Return a method that the object may have; whatever it raises becomes a UserCodeError."""
+        """Return a method that the object may have; its exceptions become UserCodeErrors."""
         method = attribute_of(self.touched, name, None, self.what)
         if method is None:
             return None

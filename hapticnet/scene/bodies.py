@@ -1,7 +1,7 @@
 """The scene of bodies: a tool on two or three axes against planes and spheres with friction.
 
-Bodies act in parallel: the tool feels the sum, as of a lump in a soft body. The force of each is that of a spring, plus
-what its viscosities add. As everywhere, a position grows into what is touched, and a force is positive when it pushes
+Bodies act in parallel: the tool feels the sum, as with a lump in a soft body. The force of each is a spring's, plus
+that of its viscosities. As everywhere, positions increase into the body, and a force is positive when it pushes
 the tool out: the force of the spring is stiffness · (tool − held point).
 
 
@@ -11,9 +11,9 @@ Salisbury, "A constraint-based god-object method for haptic display" (1995), ren
 Kolarov and Khatib, "The haptic display of complex graphical environments" (1997), model friction by moving it; Melder
 and Harwin, "Force shading and bump mapping using the friction cone algorithm" (2005), name the cone.
 
-A point that moves comes nearer to the tool, so that the energy of the spring only falls: friction creates none. Nothing
+A moving point approaches the tool, so the energy of the spring only falls: friction creates none. Nothing
 is integrated, so the result for a tool that stays in one plane through the normal does not depend on the step; for a
-tool that turns it approaches the exact path in proportion to the step.
+turning tool, the result approaches the exact path in proportion to the step.
 """
 
 import math
@@ -52,11 +52,11 @@ class FlatSurface:
         return along(tool_m, -self.depth_m(tool_m), self._inward)
 
     def beyond(self, _tool_m: Vector, depth_m: float) -> Vector:
-        """Return the way [m] from the nearest surface point to a tool that is so deep."""
+        """Return the vector [m] from the nearest surface point to a tool at this depth."""
         return times(self._inward, depth_m)
 
     def entry(self, from_m: Vector, to_m: Vector) -> Vector:
-        """Return where a straight line into the body meets the surface [m]."""
+        """Return the point where a straight line into the body meets the surface [m]."""
         before_m, after_m = self.depth_m(from_m), self.depth_m(to_m)
         return self.nearest(along(from_m, before_m / (before_m - after_m), minus(to_m, from_m)))
 
@@ -93,7 +93,7 @@ class RoundSurface:
         return along(self._centre_m, self._radius_m, self._outward(tool_m))
 
     def beyond(self, tool_m: Vector, depth_m: float) -> Vector:
-        """Return the way [m] from the nearest surface point to a tool that is so deep."""
+        """Return the vector [m] from the nearest surface point to a tool at this depth."""
         away_m = self._radius_m - depth_m
         if away_m < NEAR_M:
             return minus(tool_m, self.nearest(tool_m))
@@ -152,11 +152,11 @@ def surface_of(body: AnyBody) -> Surface:
 
 
 LARGEST_FORCE_N: Final = 1e6
-"""Largest magnitude of a force [N]. A body does not break, and a force must stay far within what numbers can hold."""
+"""Largest magnitude of a force [N]. A body does not break, and a force must stay far within the range of numbers."""
 
 
 class Touch:
-    """A body and what the tool holds of it."""
+    """A body and the point on it that the tool holds."""
 
     __slots__ = ("_held_m", "_in_time", "_static", "_surface", "body", "depth_m")
 
@@ -192,7 +192,7 @@ class Touch:
         return force_n
 
     def _damped(self, force_n: Vector, held_m: Vector, velocity_m_per_s: Vector) -> Vector:
-        """Add viscosity; along the normal no further than to zero, so that the surface never holds the tool back."""
+        """Add viscosity; along the normal at most to zero, so that the surface never holds the tool back."""
         inward = self._surface.inward(held_m)
         inward_m_per_s = dot(inward, velocity_m_per_s)
         sideways = along(velocity_m_per_s, -inward_m_per_s, inward)
@@ -200,11 +200,11 @@ class Touch:
         return along(along(force_n, push_n, inward), self.body.sliding_viscosity_n_s_per_m, sideways)
 
     def follow(self, other: "Touch") -> None:
-        """Take the state of another touch of the same body."""
+        """Copy the state of another touch of the same body."""
         self.depth_m, self._held_m = other.depth_m, other._held_m
 
     def ahead(self, tool_m: Vector) -> LayerAhead:
-        """Return the body as it is announced to a tool at a position [m]: as its tangent plane."""
+        """Return the body's announcement to a tool at a position [m]: its tangent plane."""
         body, point_m = self.body, self._surface.nearest(tool_m)
         inward = self._surface.inward(point_m)
         return LayerAhead(
@@ -255,7 +255,7 @@ class BodyScene:
 
     @property
     def settings(self) -> BodySceneSettings:
-        """What it is made from."""
+        """Its settings."""
         return BodySceneSettings(name=self.name, bodies=self.bodies)
 
     def copy(self) -> "BodyScene":
@@ -284,7 +284,7 @@ class BodyScene:
         return tuple(touch.ahead(self._tool_m) for touch in near)
 
     def _velocity(self, t_us: int, tool_m: Vector) -> Vector:
-        """Return the velocity [m/s] since the sample before, at most `LARGEST_SPEED_M_PER_S`."""
+        """Return the velocity [m/s] since the previous sample, at most `LARGEST_SPEED_M_PER_S`."""
         elapsed_us = t_us - self._stamp_us
         if self._tool_m is None or elapsed_us <= 0:
             return self._zero

@@ -1,4 +1,4 @@
-"""One layer of tissue: the needle that meets it, its force laws, its state, and what it says about the force nearby.
+"""One layer of tissue: the needle that meets it, its force laws, its state, and its stiffness bound.
 
 The contact law is a chain of closures, one per property in use: each takes a position or depth and returns a force, or
 `None` if the tissue breaks. Properties that are zero add nothing to the chain.
@@ -34,7 +34,7 @@ class Needle:
         self._stamp_us: int | None = None
 
     def follow(self, other: "Needle") -> None:
-        """Take the state of another needle."""
+        """Copy the state of another needle."""
         self.tip_m, self.velocity_m_per_s = other.tip_m, other.velocity_m_per_s
         self.now_us, self._stamp_us = other.now_us, other._stamp_us
 
@@ -103,7 +103,7 @@ class RecoveringSurface:
         self._released_us = self._needle.now_us
 
     def follow(self, other: "RecoveringSurface") -> None:
-        """Take the state of another surface."""
+        """Copy the state of another surface."""
         self._released_m, self._released_us = other._released_m, other._released_us
 
 
@@ -147,13 +147,13 @@ class Shaft:
         return self.force_n
 
     def follow(self, other: "Shaft") -> None:
-        """Take the state of another shaft."""
+        """Copy the state of another shaft."""
         self.force_n, self._tip_m = other.force_n, other._tip_m
 
 
 def contact_law(tissue: Tissue, surface: Surface, needle: Needle) -> Law:
     """Return the force of an unpierced tissue as a function of the tip position."""
-    # The law of a fixed surface takes the tip position, that of a moving surface the depth below it.
+    # The law of a fixed surface takes the tip position, the law of a moving surface takes the depth below it.
     start_m = 0.0 if tissue.recovery_time_s else tissue.rest_position_m
     law = _stiffening(tissue, start_m) if tissue.stiffening_per_m else _linear(tissue, start_m)
     if tissue.viscosity_n_s_per_m:
@@ -271,7 +271,7 @@ class Layer:
         return self._shaft.slide(tip_m)
 
     def follow(self, other: "Layer") -> None:
-        """Take the state of another layer of the same tissue."""
+        """Copy the state of another layer of the same tissue."""
         if isinstance(self.surface, RecoveringSurface) and isinstance(other.surface, RecoveringSurface):
             self.surface.follow(other.surface)
         self.breached, self.is_felt = other.breached, other.is_felt
@@ -288,7 +288,7 @@ class Layer:
         return Contact.CONTACT if tip_m > self.surface.position_m() else Contact.NONE
 
     def ahead(self) -> LayerAhead:
-        """Return the layer as it is announced."""
+        """Return the announcement of the layer."""
         tissue = self.tissue
         surface_m = self.surface.position_m()
         return LayerAhead(
@@ -311,7 +311,7 @@ class Layer:
 
 
 MARGIN_M: Final = 1e-9
-"""How far [m] a box stays off a surface and off the depth at which one breaks: more than rounding amounts to."""
+"""Distance [m] of a box from a surface and from the depth at which one breaks: more than any rounding error."""
 
 
 class Grip(NamedTuple):
@@ -325,7 +325,7 @@ class Grip(NamedTuple):
 
 
 def bound_of(felt: Sequence[Layer], passed: Sequence[Layer], ahead_m: float, tip_m: float) -> StiffnessBound | None:
-    """Return the bound of a needle; None if a layer cannot tell.
+    """Return the bound of a needle; None if a layer has none.
 
     `felt` are the layers that can exert a force at the tip, `passed` those that heal when it is withdrawn, and
     `ahead_m` is the position of the next surface.
@@ -349,8 +349,8 @@ def bound_of(felt: Sequence[Layer], passed: Sequence[Layer], ahead_m: float, tip
 def grip_of(layer: Layer) -> Grip | None:
     """Return what a layer that can exert a force adds; None if it cannot tell.
 
-    The friction on a shaft depends on every turn of the hand, of which a line shows none. A surface that is still
-    recovering meets the needle at a time, not at a position, which matters where there is a force for every speed.
+    The friction on a shaft depends on every turn of the hand, which a line does not show. A surface that is still
+    recovering meets the needle at a time, not at a position, which matters with viscosity.
     """
     tissue = layer.tissue
     if layer.breached:

@@ -1,4 +1,4 @@
-"""A recorded force in place of a scene: it is played back in time, wherever the tool is."""
+"""A recorded force instead of a scene, played back in time at any position of the tool."""
 
 from bisect import bisect_right
 
@@ -9,7 +9,7 @@ from hapticnet.samples import ForceSample, PositionSample, Vector
 class RecordedScene:
     """A recorded force; satisfies `scene.base.Touchable`.
 
-    It starts with the first position and passes as fast as it was recorded. Each position is answered with the last
+    It starts with the first position and plays at the recorded speed. Each position is answered with the last
     sample until then; after the end the force is zero. Times [µs] have the shape (n,), n ≥ 1, and do not decrease;
     forces [N] have the shape (n, axes).
     """

@@ -39,7 +39,7 @@ class Scene:
 
     A step evaluates only the layers that can exert a force, from front to back. Layers the tip has not reached wait in
     a list; layers it has pierced wait in a heap, ordered by the position behind which they heal. While the tip stays
-    between the nearest of both, the layers need not be searched.
+    between the nearest of both, the layers are not searched.
 
     Raise SettingsError if there is no tissue, or if two share a rest position. Layers are announced (`ahead`) as far as
     `reach_m` from the tip.
@@ -51,7 +51,7 @@ class Scene:
         self.name = name
         self.reach_m = reach_m
         self.tissues = front_to_back(tissues)
-        self.breaches = 0  # number of breaches so far. `reset` does not set it back.
+        self.breaches = 0  # number of breaches so far. `reset` does not change it.
         self._depends_on_time = any(tissue.depends_on_time for tissue in self.tissues)
         self.reset()
 
@@ -103,13 +103,13 @@ class Scene:
 
     @property
     def settings(self) -> SceneSettings:
-        """What it is made from."""
+        """Its settings."""
         return SceneSettings(name=self.name, tissues=self.tissues)
 
     def stiffness_bound(self) -> StiffnessBound | None:
-        """Return how the force may change around the tip; None if a layer cannot tell.
+        """Return the stiffness bound around the tip; None if a layer has none.
 
-        It stays true while the tip is in its box: nothing breaks or heals there.
+        It is valid while the tip is in its box: nothing breaks or heals there.
         """
         tip_m = self._needle.tip_m
         if self._bound is None or not self._bound.contains((tip_m,)):
@@ -154,7 +154,7 @@ class Scene:
     def _regroup(self, sample: PositionSample) -> None:
         """Find the layers that can exert a force at `sample`, and the limits within which that set stays the same."""
         tip_m = _checked_tip_m(sample)
-        self._bound = None  # it may have been asked for long ago
+        self._bound = None  # it may be from long ago
         felt = [layer for layer in self._felt if layer.is_felt]
         while self._passed and tip_m < -self._passed[0][0]:
             _, _, layer = heapq.heappop(self._passed)

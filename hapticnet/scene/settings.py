@@ -1,4 +1,4 @@
-"""What scenes are made of: layers of tissue on one axis, or bodies with friction on two or three."""
+"""The parts of scenes: layers of tissue on one axis, or bodies with friction on two or three."""
 
 import enum
 import itertools
@@ -127,7 +127,7 @@ LARGEST_FRICTION: Final = 10.0  # largest coefficient of friction; rubber on a r
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Body:
-    """What planes and spheres have in common. Each property but the stiffness has no effect, and no cost, at zero."""
+    """Common properties of planes and spheres. Each but the stiffness has no effect, and no cost, at zero."""
 
     name: str
     stiffness_n_per_m: float  # force per distance [N/m] between the tool and the surface point that it holds
@@ -135,7 +135,7 @@ class Body:
     viscosity_n_s_per_m: float = 0.0
     friction: float = 0.0  # Coulomb's coefficient of sliding friction (dimensionless)
     # Coefficient that the ratio of tangential to normal force must exceed before the tool slides; 0: as `friction`. A
-    # greater one lets a slow tool stick and slip.
+    # larger one lets a slow tool stick and slip.
     static_friction: float = 0.0
     sliding_viscosity_n_s_per_m: float = 0.0  # force per speed [N·s/m] along the surface during contact
 
@@ -157,7 +157,7 @@ class Body:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Plane(Body):
-    """All that lies beyond a plane; on two axes, beyond a line."""
+    """Everything beyond a plane; on two axes, beyond a line."""
 
     point_m: Vector  # A point [m] of the plane, one coordinate for each axis
     inward: Vector  # direction into the body; scaled to length 1

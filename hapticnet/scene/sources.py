@@ -1,4 +1,4 @@
-"""Where the scenes of a slave come from, as ``--scene`` names them.
+"""Sources of a slave's scenes, as named by ``--scene``.
 
 A scene file is TOML. It has a ``name`` and either a ``[[tissue]]`` table for each tissue, or ``[[plane]]`` and
 ``[[sphere]]`` tables for bodies on two or three axes. The keys of a table are the attributes of `Tissue`, `Plane` or
@@ -163,18 +163,18 @@ class SceneSource:
     def __init__(self, settings: "AnySceneSettings", file: Path | None = None) -> None:
         self.name = settings.name
         self.file = file  # file that the source is read from, or None
-        self.notes: tuple[str, ...] = ()  # what the user should know about that file
+        self.notes: tuple[str, ...] = ()  # notes for the user about that file
         self._settings = settings
 
     def prepare(self) -> None:
-        """Find out now whether a scene can be made; raise SettingsError if not."""
+        """Check now whether a scene can be made; raise SettingsError if not."""
 
     def make(self) -> "Touchable":
         """Return a new scene; raise SettingsError if it cannot be made."""
         return make_scene(self._settings)
 
     def close(self) -> list[str]:
-        """Close what was made, at the end of the run; return what went wrong."""
+        """Close the objects made, at the end of the run; return the faults."""
         return []
 
 
@@ -196,7 +196,7 @@ class UserSource(SceneSource):
         self._faults: list[str] = []
 
     def prepare(self) -> None:
-        """Make the object of the first master, so that its mistakes show at once; raise SettingsError if that fails."""
+        """Make the object of the first master, so that its faults show at once; raise SettingsError if that fails."""
         self._stock = self._stock or self._make()
         self.name = self._stock.name
 
@@ -208,7 +208,7 @@ class UserSource(SceneSource):
         return UserScene(made.touched, self._found.label) if self.shared else made
 
     def close(self) -> list[str]:
-        """Close the objects that are still in use; return what they raised."""
+        """Close the objects that are still in use; return their exceptions."""
         for closer in tuple(self._closers):
             closer()
         faults, self._faults = self._faults, []
@@ -246,7 +246,7 @@ class RecordedSource(SceneSource):
         self._recording = recording
 
     def make(self) -> "Touchable":
-        """Return a scene that has not begun."""
+        """Return a new scene at its beginning."""
         return RecordedScene(self._recording.t_us, self._recording.force, name=self.name)
 
 
@@ -273,7 +273,7 @@ def find_source(spec: str, folder: Path = Path()) -> SceneSource:
 
 
 def as_touchable(scene: "HasStep") -> "Touchable":
-    """Return what masters touch from an object of a user; raise SettingsError if it has no usable ``step``."""
+    """Return the scene of a user's object; raise SettingsError if it has no usable ``step``."""
     if isinstance(scene, (Scene, BodyScene, UserScene)):
         return scene
     if isinstance(scene, type):
