@@ -7,6 +7,7 @@ import pytest
 
 import hapticnet as hn
 from hapticnet.recordings.session.reading import read_session
+from tests.cli.test_cli_trust import make_key
 from tests.ready import hapticnet
 
 ANYWHERE = "0.0.0.0:0"
@@ -34,11 +35,6 @@ def home(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path / "work")
     yield tmp_path / "home"
     assert not (tmp_path / "work" / "~").exists()
-
-
-def make_key(path):
-    """Make a key file and return the public key."""
-    return hapticnet("key", "new", path).stdout.strip()
 
 
 def said_by_command(*arguments):

@@ -17,6 +17,15 @@ def listed(public, more=""):
     return f'[[master]]\nname = "finger"\npublic = "{public}"\n{more}'
 
 
+@pytest.fixture
+def files(tmp_path):
+    """Return the key file of a slave, its list with one master, and that master's public key."""
+    key, masters, public = tmp_path / "key.toml", tmp_path / "masters.toml", make_key(tmp_path / "peer.toml")
+    make_key(key)
+    masters.write_text(listed(public))
+    return key, masters, public
+
+
 def test_the_environment_names_keys_as_the_options_do(tmp_path, monkeypatch):
     monkeypatch.setenv("HAPTICNET_KEY", str(tmp_path / "nowhere.toml"))
     assert_one_line(hapticnet("slave"), f"hapticnet key new {tmp_path / 'nowhere.toml'}")
@@ -24,11 +33,8 @@ def test_the_environment_names_keys_as_the_options_do(tmp_path, monkeypatch):
     assert_one_line(hapticnet("master"), "--peer-key is 'abc'")
 
 
-def test_a_key_that_others_can_read_stops_either_side(tmp_path):
-    key, masters = tmp_path / "key.toml", tmp_path / "masters.toml"
-    public = make_key(tmp_path / "peer.toml")
-    make_key(key)
-    masters.write_text(listed(public))
+def test_a_key_that_others_can_read_stops_either_side(files):
+    key, _, public = files
     key.chmod(0o644)
     for done in (hapticnet("slave", "--key", key), hapticnet("master", "--key", key, "--peer-key", public)):
         assert_one_line(done, f"run: chmod 600 {key}")
@@ -51,11 +57,8 @@ def test_a_list_that_cannot_be_used_stops_the_slave(tmp_path, case):
     assert_one_line(done, str(masters.parent), words)
 
 
-def test_a_report_does_not_overwrite_a_key_or_the_list(tmp_path):
-    key, masters = tmp_path / "key.toml", tmp_path / "masters.toml"
-    public = make_key(tmp_path / "peer.toml")
-    make_key(key)
-    masters.write_text(listed(public))
+def test_a_report_does_not_overwrite_a_key_or_the_list(files):
+    key, masters, public = files
     for path in (key, masters):
         done = hapticnet("slave", "--key", key, "--masters", masters, "--report", path)
         assert_one_line(done, str(path), "is an input and would be overwritten")
