@@ -220,7 +220,7 @@ def unpack_hello(body: bytes) -> Hello:
     return Hello(nonce, cookie, request, mac)
 
 
-def pack_contents(contents: Request | Grant | Refusal) -> bytes:
+def pack_contents(contents: tuple[Any, ...]) -> bytes:
     """Return a packed request, grant or refusal. `predicted` comes last, and is omitted if false."""
     return pack_body(contents[:-1] if contents[-1] is False else contents)
 

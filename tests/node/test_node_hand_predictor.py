@@ -127,6 +127,7 @@ def test_the_rate_of_positions_changes_little(period_us):
     assert predicted == pytest.approx(0.02 * math.sin(6e-6 * (t_us + AHEAD_US)), abs=3e-4)
 
 
+@pytest.mark.plain
 def test_a_clock_that_runs_away_makes_no_more_work_than_it_pays_for():
     hand, made = HandPredictor(1, 1000), []
     push = hand._push

@@ -94,6 +94,7 @@ def test_a_slow_scene_is_named_once_with_what_it_leaves_unanswered():
     assert (times["max_us"], times["too_slow"]) == (20 * MS, True)
 
 
+@pytest.mark.plain
 def test_a_slow_copy_of_a_scene_is_named(monkeypatch):
     def copy(self):
         self.clock.now_us += 1300
