@@ -64,7 +64,7 @@ ABRUPT: Final[dict[str, Callable[[float], float]]] = {
     "trembles at 10 Hz": lambda t: 0.023 + 0.0005 * math.sin(20.0 * math.pi * t),
     "leaps": lambda t: 0.023 if t > 0.5 else 0.005,
 }
-"""Hands that do what nothing foretells, on the paper's scene."""
+"""Hands whose movement cannot be predicted, on the paper's scene."""
 
 PAPER: Final = "paper's scene"
 KINDS: Final = (PAPER, "other scenes", "three axes", "abrupt hands", "recorded")

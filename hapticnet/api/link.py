@@ -26,7 +26,7 @@ from hapticnet.operator.scripted import scripted_hand
 from hapticnet.scene.base import HasStep
 from hapticnet.scene.bodies import BodyScene
 from hapticnet.scene.scene import Scene
-from hapticnet.scene.sources import as_touchable, find_source
+from hapticnet.scene.sources import as_touchable, find_source, make_scene
 
 if TYPE_CHECKING:
     from hapticnet.operator.base import Operator
@@ -225,10 +225,8 @@ def virtual_link(
         if not isinstance(text, str):
             raise SettingsError(f"{name} is {text!r}; it must be text, such as 'wifi' or 'delay=20ms,loss=2%'")
     touched: Touchable
-    if isinstance(scene, Scene):  # with its tissues at rest, so that every run is the same
-        touched = Scene(scene.tissues, name=scene.name)
-    elif isinstance(scene, BodyScene):
-        touched = BodyScene(scene.bodies, name=scene.name)
+    if isinstance(scene, Scene | BodyScene):  # at rest, so that every run is the same
+        touched = make_scene(scene.settings)
     else:
         touched = find_source(scene).make() if isinstance(scene, str) else as_touchable(scene)
     to_master, to_slave = (

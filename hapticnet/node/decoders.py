@@ -119,7 +119,7 @@ COST_OF_BEGINNING: Final = 5  # starting a model costs as much as this many step
 
 
 class Allowance:
-    """Remaining allowance for replay before the next position, at 1 a position and 1 for each of its layers."""
+    """Budget for replay before the next position. Each replayed position costs 1, and 1 for each layer."""
 
     def __init__(self) -> None:
         self.left = MOST_PLAYED

@@ -278,7 +278,7 @@ class Feedback:
         return self._announcing is not None and self._announcing.on_model
 
     def step(self, sample: PositionSample, state: int | None) -> None:
-        """Step the models like the scene; `state` is the master's report of its own model, if any."""
+        """Step the models as the scene was stepped; `state` is the state of the master's model, if it was reported."""
         if self._announcing is not None and self._models is not None:
             self._announcing.step(sample.t_us, sample.position_m, state)
             self._models.move(sample.t_us, sample.position_m, state)

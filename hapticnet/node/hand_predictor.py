@@ -235,7 +235,7 @@ made forces of 117 N where the hand was; up to 20 ms the share of ticks above 1 
 class ForceAhead:
     """The force of one scene at the predicted position. `period_us`: time [µs] between two positions.
 
-    An exception of a user's scene ends prediction, and `fault` describes it; present forces are still served.
+    An exception of a user's scene ends prediction; present forces can still be served.
     """
 
     def __init__(self, scene: Touchable, period_us: int) -> None:
@@ -246,7 +246,7 @@ class ForceAhead:
         self._line: PromisedLine | None = None
         self._answers = 0
         self._ahead_us = 0
-        self._fault: str | None = None
+        self.fault: str | None = None  # why the scene is not copied any more
 
     def answer(
         self, sample: PositionSample, scene_us: int, round_trip_us: int, line: PromisedLine | None = None
@@ -276,7 +276,7 @@ class ForceAhead:
         except SampleError:
             return None
         except Exception as error:  # a user's scene may raise anything
-            self._copy, self._fault = None, in_words(error)
+            self._copy, self.fault = None, in_words(error)
             return None
         self._answers += 1
         return position_m, force_n
@@ -298,4 +298,4 @@ class ForceAhead:
 
     def report(self) -> dict[str, Any]:
         """Return the figures of the prediction, for JSON."""
-        return {"answers": self._answers, "ahead_us": max(self._ahead_us, 0), "fault": self._fault}
+        return {"answers": self._answers, "ahead_us": max(self._ahead_us, 0), "fault": self.fault}

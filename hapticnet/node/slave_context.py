@@ -8,7 +8,7 @@ from hapticnet.codec.base import Codec
 from hapticnet.codec.positions import PromisedLine, unpack_line
 from hapticnet.codec.registry import codec_parameters
 from hapticnet.codec.schemes.raw import Raw
-from hapticnet.errors import SampleError, in_words
+from hapticnet.errors import SampleError, UserCodeError, in_words
 from hapticnet.measure.running_error import RunningError
 from hapticnet.node.decoders import read_state
 from hapticnet.node.feedback import Feedback, SceneFailedError
@@ -243,7 +243,6 @@ class SlaveContext:
         """Return the datagram that answers a position with its force, if any."""
         if self.reckoning is not None:
             self.reckoning.answered(sample.t_us)
-        self.steps += 1
         feedback = self.feedback
         predicted = None
         if self._ahead is not None and self.paused is None:
@@ -251,6 +250,10 @@ class SlaveContext:
             self._copy_time.begin()
             predicted = self._ahead.answer(sample, self._scene_us, self.session.round_trip.us, line)
             self._copy_time.end(self._period_us)
+            if self._ahead.fault is not None and self.codec.needs_position:
+                # Its master applies what follows the hand without a bound, because this slave judges it there.
+                self._fail(UserCodeError(f"its copy failed: {self._ahead.fault}"))
+        self.steps += 1
         self._codec_time.begin()
         payload, datagram = feedback.answer(sample, force_n, now_us, predicted)
         self._codec_time.end(self._period_us)

@@ -25,10 +25,10 @@ AT_REST_M: Final = 10e-6
 class HandState(enum.IntEnum):
     """What the hand is doing."""
 
-    FREE = 0  # nobody holds it; the needle is at rest
+    FREE = 0  # not held; the needle is at rest
     LIVE = 1  # the needle follows the person who holds it
     HOLDING = 2  # that person fell silent; the needle stops where it is
-    WITHDRAWING = 3  # nobody holds it; the needle is returning to its rest position
+    WITHDRAWING = 3  # not held; the needle is returning to its rest position
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -124,7 +124,8 @@ class UserScene:
         self.ahead: LookAhead | None = self._optional("ahead")
         self.stiffness_bound: Callable[[], StiffnessBound | None] | None = self._optional("stiffness_bound")
         moves_ahead_n = attribute_of(touched, "moves_ahead_n", 0.0, what)
-        if not isinstance(moves_ahead_n, int | float) or not 0.0 <= moves_ahead_n < math.inf:
+        is_number = isinstance(moves_ahead_n, int | float) and type(moves_ahead_n) is not bool
+        if not is_number or not 0.0 <= moves_ahead_n < math.inf:
             raise SettingsError(f"{what}: moves_ahead_n is {short(moves_ahead_n)}; it must be a force in newtons")
         self.moves_ahead_n = float(moves_ahead_n)
         self.copy: Callable[[], UserScene] | None = _copying(touched, self.axes, self._optional("copy"), what)

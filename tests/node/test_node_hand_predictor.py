@@ -306,6 +306,17 @@ def test_a_copy_that_fails_is_told_and_the_present_forces_are_served():
     assert report.samples > 5_000
 
 
+def test_with_a_codec_that_follows_the_hand_a_copy_that_fails_ends_the_session():
+    spring = Spring(fails_after=1_000)
+    link = hn.virtual_link(
+        scene=spring, codec="motion-predictive", forward="delay=25ms", feedback="delay=25ms",
+        predicted=True,
+    )  # fmt: skip
+    with pytest.raises(hn.UnavailableError, match=r"its copy failed: .*no room"):
+        link.run(seconds=6.0)
+    assert spring.copies == 1_001
+
+
 def test_a_scene_that_cannot_be_copied_goes_without():
     class Plain:
         def step(self, sample):
@@ -383,7 +394,7 @@ def test_a_robot_does_not_move_ahead_with_a_codec_that_follows_the_hand():
     assert report.slave["predicted"] is None
 
 
-@pytest.mark.parametrize("limit", [-1.0, math.inf, math.nan, "1 N"])
+@pytest.mark.parametrize("limit", [-1.0, math.inf, math.nan, "1 N", True])
 def test_a_limit_of_a_robot_that_is_no_force_is_refused(limit):
     robot = Robot()
     robot.moves_ahead_n = limit

@@ -60,7 +60,7 @@ Felt: TypeAlias = tuple[int, int, tuple[float, float, float], int, int]
 """``(written, behind, losses, wanted, chosen)``.
 
 Samples remembered, and the number of the one that is a round trip old; how wrong each kind of line was recently, in
-thresholds; the kind that is wanted, and the one that was sent last."""
+thresholds; the best kind at present, and the kind sent last."""
 
 
 def felt_tables(axes: int, table: MakeTable) -> tuple[Any, Any, Any]:
@@ -169,7 +169,7 @@ def feel(rule: MotionRule, felt: Felt, motion: Motion, t_us: int, x: Vector, sur
 
 
 def better(losses: tuple[float, float, float], wanted: int) -> int:
-    """Return the kind of line that is wanted from now on: another one only if it is clearly better."""
+    """Return the best kind of line: the present one, unless another is clearly better."""
     best = wanted
     for line in range(len(losses)):
         if losses[line] < losses[best]:

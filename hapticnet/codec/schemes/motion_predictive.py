@@ -222,10 +222,10 @@ def send(rule: MotionRule, sender: Sender, t_us: int, x: Vector, past: Any) -> t
         ours += 1.0
     written, behind, losses, wanted, _ = felt
     if rule.round_trip_us[0][0] >= LEAST_ROUND_TRIP_US and samples > 0 and max(losses[0], losses[1], losses[2]) > 0.0:
-        drawn = thriftiest(packets, False) if wanted == TIMED_LINE else wanted
+        drawn = cheapest(packets, False) if wanted == TIMED_LINE else wanted
     else:
         can_pay = ours + 1.0 <= max(of_rival + SPARE, MOST_OVER * of_rival)
-        drawn = thriftiest(packets, samples > 0) if can_pay else HELD_LINE
+        drawn = cheapest(packets, samples > 0) if can_pay else HELD_LINE
     if drawn == SURFACE_LINE:
         message = drawn_surface(rule, motion, newest, x, coupling.stiffness)
     elif drawn in (COUPLED_LINE, SIMILAR_LINE):
@@ -248,7 +248,7 @@ def send(rule: MotionRule, sender: Sender, t_us: int, x: Vector, past: Any) -> t
     return message, (True, motion, line_of(numbers, t_us, message), newest, predictors, rival, felt)
 
 
-def thriftiest(packets: tuple[float, float, float, float], is_placed: bool) -> int:
+def cheapest(packets: tuple[float, float, float, float], is_placed: bool) -> int:
     """Return the line that has needed the fewest packets, of those that can be drawn with or without a position."""
     of_surface, of_coupled, of_curve, of_hold = packets
     if is_placed and of_surface <= min(of_coupled, of_curve, of_hold):
@@ -288,8 +288,8 @@ class MotionPredictive(Scheme):
 
     Rule: send when ``|x - p| > threshold(|p|)``, strictly, where the receiver applies p at its position and
     velocity (`schemes.motion`). The sender runs a predictor for each of the four kinds of payload like a separate
-    codec, and sends with the one that has needed the fewest packets recently. Without positions, it is the better of
-    `adaptive_predictive` and the deadband.
+    codec, and sends with the one that has needed the fewest packets recently; over a known round trip, with the one
+    whose lines were felt truest (`schemes.motion_felt`). Without positions, it sends curves and holds only.
 
     Without loss and delay the applied stimulus is within the threshold of the true one at every sample, whatever the
     input. While an update is late or lost, the receiver follows the line; stiffness and viscosity are bounded, and a

@@ -16,10 +16,18 @@ export function showTraffic(state) {
   tile("tile-link", state.round_trip_ms === null ? "–" : signed(state.round_trip_ms, state.round_trip_ms < 10 ? 2 : 1), "ms");
   text("lost", `${count(state.lost)} of ${count(state.arrived + state.lost)} lost`);
   const [out, outUnit] = bytes(forward.bytes_per_s);
-  const { felt } = state;
-  text("felt", !felt ? "" : `Felt: ${percent(felt.exceed_jnd_fraction)} % of the time above 1 JND, `
-    + `${percent(felt.above_8_jnd_fraction)} % above 8; RMSE ${felt.rmse_n.toFixed(2)} N`);
+  showFelt(state.felt);
   text("forward", `Positions ${out} ${outUnit}/s`);
+}
+
+/** How far the held force was from the true one at the same moment, over the seconds shown. */
+function showFelt(felt) {
+  text("felt", felt ? `Above 1 JND: ${percent(felt.exceed_jnd_fraction)} %` : "");
+  if (!felt) return;
+  const shares = [1, 2, 4, 8].map((jnds) => felt[jnds === 1 ? "exceed_jnd_fraction" : `above_${jnds}_jnd_fraction`]);
+  document.getElementById("felt").title = "Held force beside the true one, over the seconds shown: above 1, 2, 4 and 8 JND "
+    + `${shares.map((share) => `${percent(share)} %`).join(", ")} of the time; RMSE ${felt.rmse_n.toFixed(2)} N, `
+    + `99 % within ${felt.p99_error_n.toFixed(2)} N, largest ${felt.max_error_n.toFixed(2)} N`;
 }
 
 function ratio(part, whole) {
