@@ -150,6 +150,8 @@ def _planned(study: Study, folder: Path) -> Plan:
         for key in ("scene", "hand", "rate_hz"):
             if key in axes.model_fields_set:
                 raise SettingsError(f"axes: recording replaces {key}; remove one of them")
+        if any(axes.predicted):
+            raise SettingsError("axes: predicted needs a scene, of which the slave steps a copy; a recording has none")
         sources = [recorded(folder / name, name, study.reading or Reading()) for name in axes.recording]
     repairs = tuple(Repair(text, _repair_us(text)) for text in axes.repair)
     return Plan(

@@ -131,6 +131,7 @@ Channels: TypeAlias = Annotated[Texts, _each(_channel)]
 Jitters: TypeAlias = Annotated[Texts, _each(_jitter)]
 Losses: TypeAlias = Annotated[list[Any], BeforeValidator(_as_list), _each(_loss)]
 Repairs: TypeAlias = Annotated[Texts, _each(_repair)]
+Flags: TypeAlias = Annotated[list[bool], BeforeValidator(_as_list), AfterValidator(_without_repeats)]
 
 
 class Axes(BaseModel):
@@ -153,7 +154,7 @@ class Axes(BaseModel):
     hand: Texts | None = None
     recording: Texts | None = None
     repair: Repairs = ["round-trip"]
-    predicted: list[bool] = [False]
+    predicted: Flags = [False]
 
 
 class Reading(BaseModel):
