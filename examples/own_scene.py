@@ -3,7 +3,7 @@
 Serve it, and explore it with the hand of own_hand.py:
 
     hapticnet slave --scene examples/own_scene.py:Ball:radius_m=0.03
-    hapticnet master --operator examples/own_hand.py:Explorer --device none
+    hapticnet master --operator examples/own_hand.py:Explorer --device none --predicted
 """
 
 import math
@@ -31,3 +31,7 @@ class Ball:
             return (0.0, 0.0, 0.0)
         force_n = self.stiffness_n_per_m * (self.radius_m - distance_m)
         return tuple(-force_n * x / distance_m for x in sample.position_m)
+
+    def copy(self) -> "Ball":
+        """Return a ball in the same state, for masters that ask for a prediction of the hand (``--predicted``)."""
+        return Ball(self.radius_m, self.stiffness_n_per_m)
