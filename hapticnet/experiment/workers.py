@@ -37,11 +37,7 @@ class Outcome(NamedTuple):
 
 
 class EndedError(UnavailableError):
-    """A worker process was killed, or ended itself, while it computed an item; `final` if no tries are left."""
-
-    def __init__(self, text: str, *, final: bool = False) -> None:
-        super().__init__(text)
-        self.final = final
+    """A worker process was killed, or ended itself, while it computed an item."""
 
 
 class Pool:

@@ -7,11 +7,10 @@ from dataclasses import dataclass, field
 from typing import Any, Final
 
 from hapticnet.errors import FileError, HapticnetError, UnavailableError, in_words
-from hapticnet.experiment.workers import EndedError, Outcome
+from hapticnet.experiment.workers import Outcome, Pool
 from hapticnet.sweep.plan import Plan, Runner, rows_of
-from hapticnet.sweep.pools import AnyPool
 from hapticnet.sweep.runs import Cutter, Shard
-from hapticnet.sweep.store import Computed, Store, shard_bytes
+from hapticnet.sweep.store import Computed, Store, compute, shard_bytes
 
 SHARD_S: Final = 3.0  # duration of a shard [s]: long compared with the cost of storing it, but short to wait for
 SHORTEST_S: Final = 0.3  # duration of the last shards [s], so that all workers end at about the same time
@@ -94,11 +93,17 @@ class Sizes:
         return size
 
 
+def pool_of(plan: Plan, workers: int) -> Pool:
+    """Return processes that compute the shards of a study; SettingsError if their number is out of range."""
+    # "spawn", because the progress bar and Arrow may run threads; each process keeps its own runner.
+    return Pool(workers, compute, Runner(plan), method="spawn")
+
+
 def sweep(
     plan: Plan,
     store: Store,
     there: Sequence[Shard],
-    pool: AnyPool,
+    pool: Pool,
     *,
     sizes: Sizes,
     is_stopped: Callable[[], bool] = lambda: False,
@@ -125,8 +130,7 @@ def sweep(
         progress.lost_workers += 1
         attempts[shard] = attempts.get(shard, 0) + 1
         reason = str(outcome.error) if isinstance(outcome.error, HapticnetError) else in_words(outcome.error)
-        is_final = isinstance(outcome.error, EndedError) and outcome.error.final
-        if attempts[shard] < ATTEMPTS and not is_final:
+        if attempts[shard] < ATTEMPTS:
             again.append(shard)
             return
         progress.poison.append(shard)
@@ -165,7 +169,7 @@ def estimate(plan: Plan, workers: int, *, shard_runs: int | None = None) -> dict
     runner, rows = Runner(plan), []
     began_s = time.perf_counter()
     for first in places:
-        rows += rows_of(plan, runner, Shard(first, first + each))
+        rows += rows_of(runner, Shard(first, first + each))
         if time.perf_counter() - began_s > LONGEST_S:
             break
     per_run_s = (time.perf_counter() - began_s) / len(rows)
