@@ -147,7 +147,7 @@ def test_a_mistake_is_told_in_our_words_whatever_it_is():
 @pytest.mark.parametrize(
     ("model", "text", "value", "words"),
     [
-        (LimitsPlan, "method = 'guess'", "'guess'", "'ascending', 'up-down' or 'bayesian'"),
+        (LimitsPlan, "method = 'guess'", "'guess'", "'ascending' or 'up-down'"),
         (LimitsPlan, "catch = 1.5", "1.5", "at most 1.0"),
         (LimitsPlan, "largest = 0.0", "0.0", "more than 0.0"),
         (LimitsPlan, "references_n = []", "[]", "a list of at least 1"),

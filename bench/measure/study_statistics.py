@@ -23,7 +23,7 @@ from hapticnet.study.plan import LimitsPlan, Plan
 from hapticnet.study.power import ShareAnswers
 from hapticnet.study.procedure import Procedure, Question
 from hapticnet.study.schedule import LimitsSchedule
-from hapticnet.study.statistics import chance_variance, leaving_point, mean_interval, share_interval, wilson
+from hapticnet.study.statistics import chance_variance, mean_interval, share_interval, wilson
 from hapticnet.study.weber import fit, participant_file
 
 Answers: TypeAlias = Callable[[Question], str]
@@ -70,8 +70,6 @@ SUBJECTS: Final[dict[str, tuple[str, Subject]]] = {
     '"different" always': ("ascending", at_random(1.0)),
     "honest, up-down": ("up-down", chooser),
     "at random, up-down": ("up-down", guesser),
-    "honest, bayesian": ("bayesian", chooser),
-    "at random, bayesian": ("bayesian", guesser),
 }
 
 
@@ -166,21 +164,6 @@ def order_intervals(experiments: int) -> list[dict[str, Any]]:
     return rows
 
 
-def curve_intervals(experiments: int) -> list[dict[str, Any]]:
-    """Return how often the interval of the point where a curve leaves the margin contains that point."""
-    values, shares = (0.0, 1.0, 2.0, 4.0), (0.8, 0.75, 0.65, 0.5)  # it falls by 0.1 at 1.5
-    answers, rows = ShareAnswers(("a", "b", "c", "d"), shares), []
-    for people, trials in ((8, 10), (16, 20)):
-        rng = np.random.default_rng([12, people])
-        found = [
-            leaving_point(values, scores, 0.1, rng, resamples=1000)
-            for scores in answers.scores(experiments, people, trials, rng)
-        ]
-        covered = float(np.mean([each.low <= 1.5 <= each.high for each in found]))
-        rows.append({"people": people, "trials": trials, "covered": covered})
-    return rows
-
-
 def tables(result: dict[str, Any]) -> list[str]:
     """Return the rules as a table of Markdown, and a line of JSON for each design of the intervals."""
     lines = ["| participants | excluded | Weber fraction of the others | pairs |", "|---|---|---|---|"]
@@ -192,7 +175,7 @@ def tables(result: dict[str, Any]) -> list[str]:
             f"{row['pairs']:.0f}",
         )
         lines.append(f"| {row['subject']} | {' | '.join(cells)} |")
-    lines += ["", *(json.dumps(row) for name in ("jnd", "order", "curve") for row in result[name])]
+    lines += ["", *(json.dumps(row) for name in ("jnd", "order") for row in result[name])]
     return lines
 
 
@@ -208,7 +191,6 @@ def main() -> None:
         "rules": rules(arguments.people),
         "jnd": jnd_intervals(arguments.people),
         "order": order_intervals(2 * arguments.people),
-        "curve": curve_intervals(arguments.people),
     }
     (arguments.out / "study.json").write_text(json.dumps(result, indent=1) + "\n")
     print("\n".join(tables(result)))

@@ -68,7 +68,6 @@ EXAMPLES: Final[dict[tuple[str, ...], tuple[str, ...]]] = {
         "hapticnet experiment limits --participant 03 --simulate literature --out-dir rehearsal",
     ),
     ("experiment", "order"): (
-        "hapticnet experiment order --participant 03 --dry-run",
         "hapticnet experiment order --participant 03 --plan reachable --device serial:auto --profile device.toml",
         "hapticnet experiment order --participant 01-08 --simulate literature --out-dir rehearsal",
     ),

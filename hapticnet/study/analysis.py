@@ -18,11 +18,9 @@ from hapticnet.study.flow import NO_CONSENT
 from hapticnet.study.observers import labelled
 from hapticnet.study.rows import OrderRow
 from hapticnet.study.statistics import (
-    Leaving,
     chance_variance,
     equivalence,
     holm,
-    leaving_point,
     mean_interval,
     share_interval,
     sign_flip,
@@ -88,7 +86,6 @@ def _right_pairs(rows: Sequence[OrderRow]) -> float | None:
 MEASURES: Final = {  # the rating uses the rows of ratings, the others the trials
     "correct": Measure("correct orders", _mean_of("correct"), "{:.1f} %", 100.0),
     "pairs": Measure("correct pairs", _right_pairs, "{:.1f} %", 100.0),
-    "kendall": Measure("Kendall's distance", _mean_of("kendall"), "{:.2f}"),
     "bytes": Measure("bytes per penetration", _per_penetration("penetration_bytes"), "{:,.0f}"),
     "packets": Measure("packets per penetration", _per_penetration("penetration_packets"), "{:,.1f}"),
     "time_s": Measure("time from contact to answer [s]", _median_time),
@@ -107,7 +104,7 @@ MEASURES: Final = {  # the rating uses the rows of ratings, the others the trial
 
 SHARES: Final = "correct", "pairs"  # from 0 to 1
 # Measures compared between conditions; the first has a margin of equivalence.
-COMPARED: Final = "correct", "pairs", "kendall", "time_s", "insertions", "peak_n", "rating"
+COMPARED: Final = "correct", "pairs", "time_s", "insertions", "peak_n", "rating"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -178,26 +175,24 @@ class Results:
     conditions: tuple[ConditionResult, ...]
     comparisons: tuple[Comparison, ...]
     margin: float
-    curve: Leaving | None  # where the share of correct orders leaves the margin [JND]; None if unknown
     repeated: int  # trials that were not accepted
     aborted: int
     missing: tuple[str, ...] = ()  # sentences about missing or unbalanced data
     laws: tuple[UsedLaw, ...] = ()  # several for a participant whose sessions had different laws
 
 
-def analyse(rows: Sequence[OrderRow], *, margin: float = MARGIN, seed: int = 1) -> Results:
+def analyse(rows: Sequence[OrderRow], *, margin: float = MARGIN) -> Results:
     """Return the results of the ordering task.
 
-    A condition counts as equal to no compression below a difference of `margin` in the share of correct orders. `seed`
-    is for the resamples of the curve. Raise SettingsError if no trial was answered, or the trials belong to two
-    designs or to people and observers.
+    A condition counts as equal to no compression below a difference of `margin` in the share of correct orders. Raise
+    SettingsError if no trial was answered, or the trials belong to two designs or to people and observers.
     """
     trials = accepted(rows)
     if not trials:
         raise SettingsError("no answered trial of the ordering task was found")
     _check_design(rows, trials)
     participants = tuple(sorted({row.participant for row in trials}))
-    ratings = _ratings(rows, trials)
+    ratings = [row for row in rows if row.event == "rating" and row.rating is not None]
     names = sorted({row.condition or "" for row in trials}, key=lambda name: _place(trials, name))
     conditions = tuple(
         _condition(
@@ -213,7 +208,6 @@ def analyse(rows: Sequence[OrderRow], *, margin: float = MARGIN, seed: int = 1) 
         conditions=conditions,
         comparisons=_comparisons(conditions, margin),
         margin=margin,
-        curve=_curve(conditions, margin, seed),
         repeated=sum(row.event == "repeated" for row in rows),
         aborted=sum(row.event == "aborted" for row in rows),
         missing=_missing(rows, trials, ratings, names),
@@ -225,15 +219,6 @@ def accepted(rows: Sequence[OrderRow]) -> list[OrderRow]:
     """Return the trials with an answer; if a trial was written twice, the last row."""
     last = {(row.participant, row.session, row.this_n): row for row in rows if row.event == "trial"}
     return [row for row in last.values() if row.correct is not None]
-
-
-def _ratings(rows: Sequence[OrderRow], trials: Sequence[OrderRow]) -> list[OrderRow]:
-    """Return the ratings of blocks with one condition; a rating of interleaved conditions belongs to none."""
-    conditions: dict[tuple[str, int, int | None], set[str | None]] = {}
-    for row in trials:
-        conditions.setdefault((row.participant, row.session, row.block), set()).add(row.condition)
-    rated = [row for row in rows if row.event == "rating" and row.rating is not None]
-    return [row for row in rated if len(conditions.get((row.participant, row.session, row.block), ())) <= 1]
 
 
 def _check_design(rows: Sequence[OrderRow], trials: Sequence[OrderRow]) -> None:
@@ -286,9 +271,6 @@ def _missing(
                 told.append(f"Participant {person} has no trial of {name} and is omitted from comparisons with it.")
             elif own < most:
                 told.append(f"Participant {person} has {own} trials of {name}; others have {most}.")
-    mixed = sum(row.event == "rating" and row.rating is not None for row in rows) - len(ratings)
-    if mixed:
-        told.append(f"{mixed} ratings of blocks with several conditions are left out.")
     rated = {(row.participant, row.condition) for row in ratings}
     unrated = sorted({person for person, name in counts if (person, name) not in rated})
     if rated and unrated:
@@ -402,18 +384,6 @@ def _bounded(measure: str, interval: Interval) -> Interval:
     if measure not in SHARES or not all(map(math.isfinite, interval)):
         return interval
     return max(interval[0], -1.0), min(interval[1], 1.0)
-
-
-def _curve(conditions: Sequence[ConditionResult], margin: float, seed: int) -> Leaving | None:
-    """Return where the share of correct orders leaves the margin; conditions with other codecs are omitted."""
-    codecs = [each.codec for each in conditions if each.codec != "raw"]
-    along = [each for each in conditions if each.codec == "raw" or each.codec == (codecs or [""])[0]]
-    values = [each.multiplier for each in along]
-    if len(along) < 3 or along[0].multiplier != 0.0 or len(set(values)) < len(values):
-        return None
-    scores = np.array([each.figures["correct"].each for each in along]).T
-    scores = scores[np.isfinite(scores).all(axis=1)]
-    return leaving_point(values, scores, margin, np.random.default_rng(seed)) if len(scores) > 1 else None
 
 
 def _figure(each: Sequence[float | None]) -> Figure:

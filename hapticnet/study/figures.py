@@ -1,4 +1,4 @@
-"""Figures of a study: bytes per penetration (the paper's Fig. 4), correct orders (Fig. 5), and the curve."""
+"""Figures of a study: bytes per penetration (the paper's Fig. 4) and correct orders (Fig. 5)."""
 
 import math
 from collections import Counter
@@ -7,11 +7,8 @@ from pathlib import Path
 from textwrap import wrap
 from typing import Any, Final
 
-import numpy as np
-
-from hapticnet.experiment.style import BLUE, GREEN, GREY, INK, ORANGE, SKY, VERMILION, legend, mark_level, picture
+from hapticnet.experiment.style import GREY, INK, SKY, VERMILION, mark_level, picture
 from hapticnet.study.analysis import CHANCE, Results
-from hapticnet.study.statistics import falling
 
 HEIGHT_IN: Final = 3.6
 FORMS: Final = ("pdf", "png")
@@ -26,8 +23,6 @@ def draw_results(results: Results, folder: Path) -> list[Path]:
     Raise UnavailableError if matplotlib is missing.
     """
     paints: dict[str, Callable[[Any, Results], None]] = {"bytes-per-penetration": _bytes, "correct-orders": _correct}
-    if results.curve is not None:
-        paints["curve"] = _curve
     files = [folder / f"{name}.{form}" for name in paints for form in FORMS]
     for file in files:
         with picture(file, HEIGHT_IN) as figure:
@@ -110,38 +105,3 @@ def _correct(axes: Any, results: Results) -> None:
     axes.set_ylabel("correct orders [%]")
     told = "bars: mean; thick: s.e.; thin: 95 % over participants; dots: participants; diamonds: the paper, s.e."
     _title(axes, "Correct orders", results, told, fontsize=8)
-
-
-def _curve(axes: Any, results: Results) -> None:
-    codec = next(each.codec for each in results.conditions if each.codec != "raw")
-    along = [each for each in results.conditions if each.codec in ("raw", codec)]
-    scores = np.array([each.figures["correct"].each for each in along])
-    scores = 100 * scores[:, np.isfinite(scores).all(axis=0)]
-    lost = scores - scores[0]
-    x = np.array([each.multiplier for each in along])
-    width = 0.04 * (x.max() - x.min())
-    for place, own in zip(x[1:], lost[1:], strict=True):
-        _people(axes, place, own.tolist(), 1.0, float(np.ptp(lost)), aside=width)
-    means = lost.mean(axis=1)
-    axes.plot(x, means, color=BLUE, marker="o", markersize=5, label=f"mean difference to {along[0].name!r}")
-    smooth = falling(scores.mean(axis=1))
-    axes.plot(x, smooth - smooth[0], color=VERMILION, linewidth=0.9, label="made to fall monotonically")
-    for comparison in results.comparisons:
-        if comparison.measure == "correct" and all(map(math.isfinite, comparison.interval)):
-            place = next((each.multiplier for each in along if each.name == comparison.condition), None)
-            if place is not None:
-                low, high = comparison.interval
-                axes.plot([place, place], [100 * low, 100 * high], color=BLUE, linewidth=1.0)
-    margin = 100 * results.margin
-    axes.axhspan(-margin, margin, color=GREEN, alpha=0.15, linewidth=0, label=f"margin of ±{margin:g} points")
-    point = results.curve
-    if point is not None and point.at is not None:
-        axes.axvline(point.at, color=VERMILION, linestyle="--", label=f"leaves the margin at {point.at:.1f} JND")
-        label = "95 % interval of that" + ("" if math.isfinite(point.high) else ", open to the right")
-        axes.axvspan(point.low, min(point.high, x.max()), color=ORANGE, alpha=0.2, linewidth=0, label=label)
-    axes.plot([], [], "o", color=INK, markersize=2.6, alpha=0.7, label="participants")
-    axes.set_xticks(x)
-    axes.set_xlabel("threshold [JND]")
-    axes.set_ylabel("difference of correct orders [points]")
-    legend(axes.figure, axes, below=False)
-    _title(axes, "From which threshold on is performance worse?", results)

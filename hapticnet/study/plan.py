@@ -28,8 +28,7 @@ NO_CONSENT: Final = "none, because "  # or it is not, with a reason
 # Largest force [N] requested from the device (docs/understand/safety.md). Two forces beyond it feel the same.
 REACHED_N: Final = MAX_FORCE_N - ForceControlSettings().headroom_n
 
-Arrangement: TypeAlias = Literal["blocked", "interleaved"]
-Method: TypeAlias = Literal["ascending", "up-down", "bayesian"]
+Method: TypeAlias = Literal["ascending", "up-down"]
 UseOfJnd: TypeAlias = Literal["preferred", "required", "ignored"]
 Force: TypeAlias = Annotated[float, Field(gt=0.0, le=5.0)]
 Share: TypeAlias = Annotated[float, Field(gt=0.0, le=1.0)]
@@ -84,7 +83,6 @@ class OrderPlan(BaseModel):
     breach_forces_n: Annotated[list[Force], Field(min_length=3, max_length=3)] = list(PAPER_BREACH_FORCES_N)
     gap_m: Annotated[float, Field(gt=0.001, le=0.1)] = PAPER_GAP_M  # between surfaces; each is breached at half of it
     trials: Count = 10  # of each condition
-    arrangement: Arrangement = "blocked"  # whether the trials of a condition are together; the paper does not say
     practice: Annotated[int, Field(ge=0, le=100)] = 3  # trials of a round
     practice_pairs: Annotated[int, Field(ge=0, le=300)] = 8  # pairs of tissues that must be right in a round
     practice_rounds: Count = 3  # at most
@@ -109,7 +107,7 @@ class LimitsPlan(BaseModel):
 
     model_config = STRICT
 
-    method: Method = "ascending"  # the paper's; the other two ask for the stronger of two intervals
+    method: Method = "ascending"  # the paper's; the other asks for the stronger of two intervals
     references_n: Annotated[list[Force], Field(min_length=1, max_length=10)] = list(JND_REFERENCE_FORCES_N)
     repetitions: Count = 5  # series, or staircases, of each reference
     step: Share = 0.01  # of a series; it decides the result: a coarse step gives a large JND

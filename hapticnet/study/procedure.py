@@ -4,10 +4,9 @@ In the method of limits, the pairs of a series differ more and more until the pa
 on step and criterion: with steps of 0.005 to 0.05 N the same finger gives Weber fractions of 0.025 to 0.18. So every
 answer is stored, a step is a share of the reference, starts are random, and some series never change.
 
-In the two-interval forced choice, the participant says which of two forces is stronger, so there is no criterion. There
-are two staircases: 1-up-2-down (H. Levitt, "Transformed up-down methods in psychoacoustics", 1971), which settles where
-70.7 % of the answers are right, and a Bayesian one after Watson and Pelli ("QUEST", 1983), which asks where the answer
-reveals most about the threshold. Both give the JND as the difference recognised in 75 %.
+In the two-interval forced choice, the participant says which of two forces is stronger, so there is no criterion. Its
+staircase is 1-up-2-down (H. Levitt, "Transformed up-down methods in psychoacoustics", 1971), which settles where 70.7 %
+of the answers are right. The JND is the difference recognised in 75 %.
 """
 
 import math
@@ -16,21 +15,16 @@ from dataclasses import dataclass, field
 from statistics import NormalDist
 from typing import Final, TypeAlias
 
-import numpy as np
-
-from hapticnet.arrays import FloatArray
 from hapticnet.study.plan import LimitsPlan
 from hapticnet.study.schedule import Series
 
 Z_75: Final = NormalDist().inv_cdf(0.75)  # standard deviations of the felt difference at 75 % right,
 Z_70: Final = NormalDist().inv_cdf(math.sqrt(0.5))  # and at 70.7 %, where 1-up-2-down settles
-LAPSE: Final = 0.02  # share of answers given regardless of the stimulus; half of them are right. An assumption
 FIRST_SHARE: Final = 0.25  # difference with which a staircase begins, as a share of the reference: several JNDs
 SMALLEST_SHARE: Final = 0.002
 FACTORS: Final = (2.0, 1.41, 1.19)  # between two differences before the first reversal, before the third, and after
 REVERSALS: Final = 10  # number of reversals after which 1-up-2-down ends
 AVERAGED: Final = 6  # number of last reversals that count
-GRID: Final = 121
 
 
 class Ascending:
@@ -108,63 +102,7 @@ class UpDown:
         return jnd if jnd < self.largest else None
 
 
-class Bayesian:
-    """A posterior over the JND; each difference is the one whose answer should narrow it most."""
-
-    def __init__(self, largest: float, pairs: int) -> None:
-        self._largest = largest
-        self._pairs = pairs
-        self._asked = 0
-        self._jnds: FloatArray = np.geomspace(SMALLEST_SHARE, 2.0 * largest, GRID)
-        self._log_posterior: FloatArray = np.zeros(GRID)
-        self._shares: FloatArray = np.geomspace(SMALLEST_SHARE, largest, 40)
-        self._right: FloatArray = _share_right(self._shares[:, np.newaxis], self._jnds)
-
-    @property
-    def done(self) -> bool:
-        """Whether it is finished."""
-        return self._asked >= self._pairs
-
-    def share(self) -> float:
-        """Return the next difference as a share of the reference."""
-        posterior = self._posterior()
-        right = self._right @ posterior
-        # Information that the answer gives: entropy of the answer less its mean entropy at a known JND.
-        gained = _entropy(right) - _entropy(self._right) @ posterior
-        return float(self._shares[int(gained.argmax())])
-
-    def answer(self, right: bool) -> None:
-        """Process the answer to it."""
-        chances = self._right[int(np.abs(self._shares - self.share()).argmin())]
-        self._asked += 1
-        self._log_posterior += np.log(chances if right else 1.0 - chances)
-
-    def jnd(self) -> float | None:
-        """Return the JND as a share of the reference: the mean of the posterior of its logarithm."""
-        if not self._asked:
-            return None
-        jnd = math.exp(float(self._posterior() @ np.log(self._jnds)))
-        return jnd if jnd < self._largest else None
-
-    def _posterior(self) -> FloatArray:
-        weights = np.exp(self._log_posterior - self._log_posterior.max())
-        posterior: FloatArray = weights / weights.sum()
-        return posterior
-
-
-def _share_right(shares: FloatArray, jnds: FloatArray) -> FloatArray:
-    """Return the share of right answers at differences, for JNDs: a cumulative normal through 75 % at the JND."""
-    normal = np.vectorize(NormalDist().cdf, otypes=[np.float64])
-    right: FloatArray = 0.5 * LAPSE + (1.0 - LAPSE) * normal(Z_75 * shares / jnds)
-    return right
-
-
-def _entropy(share: FloatArray) -> FloatArray:
-    entropy: FloatArray = -share * np.log(share) - (1.0 - share) * np.log1p(-share)
-    return entropy
-
-
-Staircase: TypeAlias = Ascending | UpDown | Bayesian
+Staircase: TypeAlias = Ascending | UpDown
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -211,7 +149,7 @@ class Procedure:
             return None
         if plan.method == "ascending":
             return Ascending(plan, self._series[number])
-        return (UpDown if plan.method == "up-down" else Bayesian)(plan.largest, plan.pairs)
+        return UpDown(plan.largest, plan.pairs)
 
     def question(self) -> Question | None:
         """Return the next pair; None when all series are finished."""

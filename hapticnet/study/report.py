@@ -15,7 +15,7 @@ Cells: TypeAlias = list[Sequence[str]]  # the rows of a table, the head first
 LEAST_PARTICIPANTS: Final = 6  # participants below which no sign-flip test can find a difference at 5 %
 
 JND_HEAD: Final = (
-    "participant", "method", "Weber fraction, mean of ratios", "95 % interval", "through the origin", "residual",
+    "participant", "method", "Weber fraction, mean of ratios", "95 % interval", "residual",
     "false alarms", "error of the device [N]", "simulated",
 )  # fmt: skip
 
@@ -83,7 +83,7 @@ def markdown(
             _markdown_table(_people_table(results)),
             *[f"![{name.removesuffix('.png').replace('-', ' ')}]({name})" for name in figures if name.endswith(".png")],
             *_differences(results, stated),
-            *_curve(results),
+            *_verdicts(results),
             *_laws(results),
         ]
     blocks += [*_jnds(people), "## Origin", _listed(origin)]
@@ -176,32 +176,18 @@ def _compared(each: Comparison, digits: int, points: str = " [points]") -> list[
     return [name, against, difference, interval, chance(each.probability), chance(each.adjusted)]
 
 
-def _curve(results: Results) -> list[str]:
+def _verdicts(results: Results) -> list[str]:
     if not results.comparisons:
         return []
     shown = [each for each in results.comparisons if each.measure == "correct"]
     worse = [each for each in shown if each.adjusted < ALPHA and each.difference < 0.0]
     equal = [each for each in shown if each.equivalent]
-    reference, margin = results.conditions[0].name, 100 * results.margin
+    reference = results.conditions[0].name
     text = [
         f"Shown to be equivalent to {reference!r}: " + (", ".join(each.condition for each in equal) or "nothing") + ".",
         "Shown to be worse: " + (", ".join(each.condition for each in worse) or "nothing") + ".",
         "These data do not decide about the others.",
     ]
-    point, falls = results.curve, "The mean of the participants, made to fall monotonically"
-    if point is None:
-        text.append("A curve needs two thresholds of one codec, no compression, and two participants.")
-    elif point.at is None:
-        text.append(
-            f"{falls}, stays within the margin of {margin:g} points up to the largest threshold;"
-            f" {100 * point.reached:.0f} % of resamples of participants leave it."
-        )
-    else:
-        high = f"{point.high:.1f} JND" if math.isfinite(point.high) else "beyond the largest threshold"
-        text.append(
-            f"{falls} and joined by lines, leaves the margin of {margin:g} points at **{point.at:.1f} JND** (95 %"
-            f" interval over resampled participants: {point.low:.1f} JND to {high})."
-        )
     return ["## From which threshold on is performance worse?", " ".join(text)]
 
 
@@ -227,10 +213,10 @@ def _jnds(people: Sequence[ParticipantFile]) -> list[str]:
     for each in people:
         interval = UNKNOWN if each.low is None or each.high is None else f"{each.low:.3f} to {each.high:.3f}"
         alarms = f"{each.false_alarms} of {each.catch_pairs}" if each.catch_pairs else UNKNOWN
-        measured = each.through_origin, each.residual, each.device_error_n
-        through, residual, error_n = (UNKNOWN if value is None else f"{value:.3f}" for value in measured)
+        measured = each.residual, each.device_error_n
+        residual, error_n = (UNKNOWN if value is None else f"{value:.3f}" for value in measured)
         cells.append(
-            [each.participant, each.method, f"{each.weber_fraction:.3f}", interval, through, residual, alarms, error_n,
+            [each.participant, each.method, f"{each.weber_fraction:.3f}", interval, residual, alarms, error_n,
              each.simulated or "no"]
         )  # fmt: skip
     doubts = [f"Participant {each.participant}, excluded: {why}." for each in people for why in each.excluded]

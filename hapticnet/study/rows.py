@@ -88,7 +88,6 @@ class OrderRow(Row):
     order_answered: str | None = column("Tissues from softest to hardest, as answered.")
     correct: int | None = column("1 if the whole order is right, else 0.", name="key_resp.corr")
     pairs_correct: int | None = column("Pairs of tissues in the right order, 0 to 3.")
-    kendall: int | None = column("Kendall's distance: pairs of tissues in the wrong order, 0 to 3.")
     first_contact_s: float | None = column("Time in seconds from the start of the scene to the first contact.")
     contact_to_answer_s: float | None = column("Time in seconds from the first contact to the answer.")
     insertions: int | None = column("How often the needle entered the first tissue.")
@@ -132,7 +131,7 @@ class OrderRow(Row):
 class LimitsRow(Row):
     """A row of the measurement of the JND: one pair of stimuli and the answer to it."""
 
-    method: str | None = column("How the JND is measured: ascending, up-down or bayesian.")
+    method: str | None = column("How the JND is measured: ascending or up-down.")
     series: int | None = column("Number of the series in the schedule, from 0.")
     step: int | None = column("Number of the pair within the series, from 0.")
     catch: int | None = column("1 if both stimuli of the series stay the same, else 0.")

@@ -33,10 +33,6 @@ class Schedule(ABC):
     def draw(cls, plan: Plan, participant: str, session: int, seed: int) -> Self:
         """Return the schedule of a session; raise SettingsError if a number is invalid."""
 
-    @abstractmethod
-    def lines(self, plan: Plan) -> list[str]:
-        """Return the schedule for a person."""
-
     def to_json(self) -> str:
         """Return the schedule as text."""
         return json.dumps(asdict(self), indent=1) + "\n"
@@ -107,15 +103,9 @@ class OrderSchedule(Schedule):
         order, conditions = plan.order, len(plan.condition)
         forces_n = [_forces(plan, order.trials, rng) for _ in range(conditions)]
         sequence: list[tuple[int, int, int]] = []  # block, condition, repetition
-        if order.arrangement == "blocked":
-            own = row[(number - 1) % len(row)]
-            sequence = [(block, own[block], each) for block in range(conditions) for each in range(order.trials)]
-        else:
-            for repetition in range(order.trials):
-                now = row[(number - 1 + repetition) % len(row)]
-                # Blocks have as many trials between two breaks as in a blocked session.
-                start = repetition * conditions
-                sequence += [((start + place) // order.trials, now[place], repetition) for place in range(conditions)]
+        own = row[(number - 1) % len(row)]
+        for block in range(conditions):
+            sequence += [(block, own[block], repetition) for repetition in range(order.trials)]
         practice_n = _forces(plan, max(1, order.practice * order.practice_rounds), rng)
         seeds = rng.integers(LARGEST_SEED, size=len(sequence) + len(practice_n)).tolist()
         trials = tuple(
@@ -129,19 +119,6 @@ class OrderSchedule(Schedule):
         return cls(
             participant=participant, session=session, seed=seed, plan=plan.digest(), practice=practice, trials=trials
         )
-
-    def lines(self, plan: Plan) -> list[str]:
-        """Return a line for each block, with the orders of the tissues."""
-        told = [f"participant {self.participant}, session {self.session}: {len(self.trials)} trials, seed {self.seed}"]
-        told += [f"  practice: {' '.join(trial.order for trial in self.practice)}"] if self.practice else []
-        for block in range(self.blocks):
-            trials = [each for each in self.trials if each.block == block]
-            own = [(plan.condition[each.condition or 0].name, each.order) for each in trials]
-            names = {name for name, _ in own}
-            orders = [order if len(names) == 1 else f"{name} {order}" for name, order in own]
-            separator = " " if len(names) == 1 else ", "
-            told.append(f"  block {block + 1}, {' and '.join(sorted(names))}: {separator.join(orders)}")
-        return told
 
 
 def williams_square(conditions: int) -> tuple[tuple[int, ...], ...]:
@@ -221,16 +198,3 @@ class LimitsSchedule(Schedule):
             series=tuple(series),
             intervals=intervals,
         )
-
-    def lines(self, plan: Plan) -> list[str]:
-        """Return a line for each series."""
-        method = plan.limits.method
-        told = [f"participant {self.participant}, session {self.session}: {method}, seed {self.seed}"]
-        for number, each in enumerate(self.series, start=1):
-            begin = f"from {100 * each.start:.2g} %, {100 * plan.limits.step:g} % a step"
-            if each.pairs is not None:
-                begin = f"{each.pairs} pairs of equal forces"
-            elif method != "ascending":
-                begin = f"at most {plan.limits.pairs} pairs"
-            told.append(f"  series {number}: {each.reference_n:g} N, {begin}")
-        return told

@@ -7,9 +7,8 @@ from contextlib import contextmanager
 from dataclasses import asdict, dataclass, replace
 from datetime import UTC, datetime
 from functools import partial
-from importlib.util import find_spec
 from pathlib import Path
-from typing import Any, Final, Literal, TypeAlias
+from typing import Any, Final
 
 import tomli_w
 
@@ -17,7 +16,6 @@ from hapticnet.errors import FileError, SettingsError, UnavailableError
 from hapticnet.experiment.provenance import provenance
 from hapticnet.files import fresh_path, make_folder, replacing
 from hapticnet.perception import WeberLaw
-from hapticnet.recordings.session.archive import check_mcap
 from hapticnet.recordings.session.export import export
 from hapticnet.recordings.session.session import REPORT, Event, Session
 from hapticnet.runtime.recorder import about_master, event_text
@@ -33,7 +31,6 @@ from hapticnet.study.tasks import LIMITS, ORDER, PRACTICE, LimitsFlow, OrderFlow
 from hapticnet.study.trial import Played
 from hapticnet.study.weber import ParticipantFile, load_participant, participant_file
 
-RecordingForm: TypeAlias = Literal["mcap", "npz", "none"]
 FLOWS: Final[dict[str, type[Flow[Any]]]] = {ORDER: OrderFlow, LIMITS: LimitsFlow}
 
 
@@ -374,22 +371,8 @@ async def _beside(work: Callable[[], None]) -> None:
     await asyncio.wrap_future(done)
 
 
-def usual_form(*, real_time: bool) -> RecordingForm:
-    """Return MCAP for real time, if it is installed, else NPZ, which takes a tenth of the time to write."""
-    return "mcap" if real_time and find_spec("mcap") is not None else "npz"
-
-
-def record_trials(
-    settings: SessionSettings, form: RecordingForm, about: dict[str, Any]
-) -> Callable[[AnyRow, Outcome], None] | None:
-    """Return the recorder of each played trial, answered or not; None if nothing is recorded.
-
-    `about` is the configuration of the session, for every file. Raise UnavailableError if an extra is not installed.
-    """
-    if form == "none":
-        return None
-    if form == "mcap":
-        check_mcap()
+def record_trials(settings: SessionSettings, about: dict[str, Any]) -> Callable[[AnyRow, Outcome], None]:
+    """Return the recorder of each played trial, answered or not; `about` is the session's configuration, for each."""
     folder = settings.folder / "recordings"
     study = {**settings.constants, "plan": settings.plan.name, "digest": settings.plan.digest()}
     about = {**about, "study": study, "provenance": provenance()}
@@ -399,13 +382,13 @@ def record_trials(
             return
         make_folder(folder)
         kind = "practice" if getattr(row, "condition", None) == PRACTICE else "trial"
-        path = fresh_path(folder / f"{kind}-{row.this_n or 0:03d}-{row.attempt or 0}.{form}")
+        path = fresh_path(folder / f"{kind}-{row.this_n or 0:03d}-{row.attempt or 0}.npz")
         tables = {"tick": outcome.ticks, "datagram": outcome.datagrams}
         facts = about | about_master(outcome.settings) | {"trial": asdict(row), REPORT: {"outcome": row.event}}
         events = tuple(Event(t_us, type(each).__name__, event_text(each)) for t_us, each in outcome.in_force)
         try:
             export(Session("master", facts, outcome.unix_offset_us, tables, events), path)
-        except (FileError, UnavailableError) as error:
+        except FileError as error:
             raise FileError(f"{error}; its answer is safe") from error
 
     return keep

@@ -1,8 +1,7 @@
-"""Statistics of small samples of participants: intervals of shares, exact sign-flip tests, equivalence, curves."""
+"""Statistics of small samples of participants: intervals of shares, exact sign-flip tests, and equivalence."""
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 from statistics import NormalDist
 from typing import Final
 
@@ -146,68 +145,3 @@ def holm(probabilities: Sequence[float]) -> list[float]:
         worst = max(worst, min(1.0, (len(probabilities) - place) * probabilities[index]))
         adjusted[index] = worst
     return adjusted
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Leaving:
-    """Where a falling curve leaves a margin below its start, with a 95 % interval by resampling participants.
-
-    The quantiles of the interval lie further out than 2.5 and 97.5 %, since resamples of few participants vary too
-    little: T. C. Hesterberg, "What teachers should know about the bootstrap", The American Statistician 69 (2015).
-    """
-
-    at: float | None  # value of the condition at which the fall reaches the margin; None if no tested one does
-    low: float
-    high: float  # infinite where resamples do not reach the margin
-    reached: float  # share of the resamples that reach it
-
-
-def leaving_point(
-    values: Sequence[float], scores: FloatArray, margin: float, rng: np.random.Generator, *, resamples: int = 4000
-) -> Leaving:
-    """Find where scores fall by more than a margin below those at the first value.
-
-    The means of the participants are made to fall monotonically (pooled adjacent violators), and joined by lines.
-    `values` are the conditions in increasing order, the first being the reference, shape (v,); `scores` the share of
-    correct answers of each participant in each condition, shape (participants, v).
-    """
-    x = np.asarray(values, dtype=np.float64)
-    if len(x) < 2 or (np.diff(x) <= 0.0).any() or scores.shape[1] != len(x):
-        raise SettingsError("a curve needs at least two conditions with increasing values")
-    people = len(scores)
-    drawn = scores[rng.integers(people, size=(resamples, people))].mean(axis=1)
-    points = np.array([_leaves(x, each, margin) for each in drawn])
-    found = _leaves(x, scores.mean(axis=0), margin)
-    tail = NormalDist().cdf(-math.sqrt(people / (people - 1)) * t_quantile(people - 1)) if people > 1 else 0.0
-    low, high = np.quantile(points, [tail, 1.0 - tail], method="inverted_cdf")
-    return Leaving(
-        at=found if math.isfinite(found) else None,
-        low=float(low),
-        high=float(high),
-        reached=float(np.isfinite(points).mean()),
-    )
-
-
-def falling(means: FloatArray) -> FloatArray:
-    """Return the closest sequence that never rises (pooled adjacent violators), shape (v,)."""
-    blocks: list[tuple[float, int]] = []
-    for mean in means.tolist():
-        value, size = mean, 1
-        while blocks and blocks[-1][0] < value:
-            before, count = blocks.pop()
-            value, size = (before * count + value * size) / (count + size), count + size
-        blocks.append((value, size))
-    return np.concatenate([np.full(size, value) for value, size in blocks])
-
-
-def _leaves(x: FloatArray, means: FloatArray, margin: float) -> float:
-    smooth = falling(means)
-    fallen = smooth[0] - smooth
-    over = np.flatnonzero(fallen >= margin - LIMIT_SHARE)
-    if not len(over):
-        return math.inf
-    after = int(over[0])
-    if after == 0:
-        return float(x[0])
-    share = (margin - fallen[after - 1]) / (fallen[after] - fallen[after - 1])
-    return float(x[after - 1] + share * (x[after] - x[after - 1]))

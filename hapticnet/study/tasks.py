@@ -65,13 +65,12 @@ class OrderFlow(Flow[OrderRow]):
             else:
                 self._begin_trial(practice, now_us)
             return
-        rates = self._order.rating and self._order.arrangement == "blocked"
         for block in range(self._schedule.blocks):
             trial = self._pending(block)
             if trial is not None:
                 self._begin_trial(trial, now_us)
                 return
-            if rates and not any(row.event == "rating" and row.block == block for row in self.rows):
+            if self._order.rating and not any(row.event == "rating" and row.block == block for row in self.rows):
                 self._show(self._screens.rating(self._progress()), now_us)
                 return
             if block + 1 < self._schedule.blocks and self._breaks <= block:
@@ -173,7 +172,6 @@ class OrderFlow(Flow[OrderRow]):
             "order_answered": self._typed,
             "correct": int(self._typed == self.trial.order),
             "pairs_correct": pairs,
-            "kendall": len(self._typed) * (len(self._typed) - 1) // 2 - pairs,
             "response_time_s": response_s,
             "contact_to_answer_s": None if contact_s is None else response_s - contact_s,
             "key": self._keys,

@@ -1,4 +1,4 @@
-"""The person's law: JND at each reference, Weber fraction by two fits, its interval, and how well Weber's law holds."""
+"""The person's law: JND at each reference, Weber fraction, its interval, and how well Weber's law holds."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -30,14 +30,13 @@ class WeberFit:
     """
 
     mean_of_ratios: float  # mean of JND over reference
-    through_origin: float  # slope of the least-squares line through the origin
     low: float | None  # 95 % interval of the mean of ratios
     high: float | None
     residual: float  # root mean square over references of JND / (mean of ratios · reference) − 1
 
 
 def fit(found: Jnds) -> WeberFit:
-    """Return the fits to the JNDs of each reference; raise SettingsError if no JND was found at any."""
+    """Return the fit to the JNDs of each reference; raise SettingsError if no JND was found at any."""
     known = {reference_n: [each for each in series if each is not None] for reference_n, series in found.items()}
     known = {reference_n: series for reference_n, series in known.items() if series}
     if not known:
@@ -53,7 +52,6 @@ def fit(found: Jnds) -> WeberFit:
         residual = float(np.sqrt(np.mean(np.square(jnds_n / (ratio * references_n) - 1.0)))) if ratio else 0.0
     return WeberFit(
         mean_of_ratios=ratio,
-        through_origin=float(jnds_n @ references_n / (references_n @ references_n)),
         low=None if half is None else max(0.0, ratio - half),
         high=None if half is None else ratio + half,
         residual=residual,
@@ -93,8 +91,7 @@ class ParticipantFile(BaseModel):
     method: str
     weber_fraction: Annotated[float, Field(ge=0.0, le=1.0)]  # the mean of ratios
     floor_n: Annotated[float, Field(ge=0.0)]  # the JND at the weakest reference
-    through_origin: float | None = None  # this and the next three are as in `WeberFit`
-    low: float | None = None
+    low: float | None = None  # this and the next two are as in `WeberFit`
     high: float | None = None
     residual: float | None = None
     false_alarms: int | None = None  # pairs of catch series that were called different
@@ -145,7 +142,6 @@ def participant_file(
         method=plan.method,
         weber_fraction=min(_written(fitted.mean_of_ratios), 1.0),
         floor_n=_written(fitted.mean_of_ratios * min(found)),
-        through_origin=fitted.through_origin,
         low=fitted.low,
         high=fitted.high,
         residual=fitted.residual,

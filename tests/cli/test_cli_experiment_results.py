@@ -16,7 +16,7 @@ from hapticnet.study.weber import participant_file
 from tests.cli.test_cli_errors import assert_only_line
 from tests.study.made import rows
 
-FIGURES = ("bytes-per-penetration", "correct-orders", "curve")
+FIGURES = ("bytes-per-penetration", "correct-orders")
 TABLES = ("report.md", "conditions.csv", "results.json")
 
 
@@ -156,7 +156,6 @@ def test_little_data_give_an_honest_report_with_its_pictures(run, tmp_path, made
     assert done.returncode == 0
     assert " nan" not in done.stdout
     assert (tmp_path / "study" / "results" / "correct-orders.png").exists()
-    assert not (tmp_path / "study" / "results" / "curve.png").exists()
 
 
 def test_power_assumes_the_paper_s_shares_and_asks_for_those_of_other_conditions(run, tmp_path):

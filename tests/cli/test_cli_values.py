@@ -22,8 +22,8 @@ NEEDED = {
     ("export",): ("hand.csv",),
     ("sweep", "run"): ("study.toml", "--out-dir", "results"),
     ("sweep", "show"): ("results",),
-    ("experiment", "limits"): ("--participant", "03", "--dry-run"),
-    ("experiment", "order"): ("--participant", "03", "--dry-run"),
+    ("experiment", "limits"): ("--participant", "03"),
+    ("experiment", "order"): ("--participant", "03"),
     ("experiment", "analyse"): ("study",),
     ("doctor",): ("--quick",),
 }

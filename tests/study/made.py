@@ -63,7 +63,6 @@ def rows(
                         order_true=true,
                         order_answered=answered,
                         correct=int(true == answered),
-                        kendall=3 - pairs,
                         pairs_correct=pairs,
                         contact_to_answer_s=6.0 + own.takes_s(),
                         insertions=2,

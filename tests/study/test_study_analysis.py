@@ -36,7 +36,6 @@ def test_the_same_answer_always_gives_one_sixth_and_half_of_the_pairs():
     # The same answer always is right in one of the six orders, which come equally often.
     assert all(each.share == pytest.approx(1 / 6) for each in results.conditions)
     assert all(share == pytest.approx(0.5) for each in results.conditions for share in each.pair_shares)
-    assert result(results, "none").figures["kendall"].mean == pytest.approx(1.5)
 
 
 def test_a_real_fall_is_found_and_an_absent_one_is_not():
@@ -45,8 +44,6 @@ def test_a_real_fall_is_found_and_an_absent_one_is_not():
     assert comparison(results, "4 JND").difference < -0.1
     assert comparison(results, "4 JND").within_margin > 0.5
     assert comparison(analyse(rows(people=16, observer="literature")), "4 JND").probability > 0.05
-    assert results.curve is not None
-    assert 1.0 < results.curve.at < 4.0
 
 
 def test_bytes_are_per_penetration():
@@ -74,7 +71,6 @@ def test_one_participant_alone_has_shares_but_no_interval_of_differences():
     results = analyse(rows(people=1))
     assert result(results, "none").figures["correct"].error is None
     assert comparison(results, "1 JND").interval == (-math.inf, math.inf)
-    assert results.curve is None
     # Of two, it stays within what is possible.
     assert comparison(analyse(rows(people=2)), "4 JND").interval == (-1.0, 1.0)
 
@@ -163,13 +159,6 @@ def test_missing_ratings_are_told_and_none_at_all_are_no_gap():
     assert results.missing == ()
 
 
-def test_a_rating_of_a_block_with_several_conditions_is_of_none_of_them():
-    made = [changed(row, block=0) for row in rows(people=3)]
-    results = analyse(made)
-    assert results.missing == ("12 ratings of blocks with several conditions are left out.",)
-    assert all(each.figures["rating"].mean is None for each in results.conditions)
-
-
 def test_participants_who_did_not_agree_or_gave_no_answer_are_named():
     begun = OrderRow(event="begin", participant="11", session=1, observer="step-masking")
     end = changed(begun, event="end", participant="12", reason="no consent")
@@ -182,7 +171,6 @@ def test_participants_who_did_not_agree_or_gave_no_answer_are_named():
 def test_a_single_condition_has_no_comparison():
     results = analyse([row for row in rows(people=6) if row.condition == "none"])
     assert results.comparisons == ()
-    assert results.curve is None
     text = markdown(results, title="one")
     assert "'none' is the only condition" in text
     assert "worse" not in text
@@ -193,11 +181,10 @@ def test_without_an_uncompressed_condition_the_weakest_is_the_reference():
     text = markdown(results, title="three")
     assert "## Differences to '1 JND'" in text
     assert "equivalent to '1 JND'" in text
-    assert results.curve is None
 
 
 def test_every_title_of_simulated_data_says_so_and_no_test_is_said_to_be_the_paper_s():
-    text = markdown(analyse(rows()), title="Results", figures=["curve.png"], stated="stated in the plan")
+    text = markdown(analyse(rows()), title="Results", figures=["correct-orders.png"], stated="stated in the plan")
     assert text.splitlines()[0] == "# Results – SIMULATED (step-masking, fitted to the paper)"
     assert "No person took part" in text
     assert "It made no test" in text

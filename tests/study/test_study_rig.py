@@ -156,23 +156,21 @@ def test_a_finger_that_is_lifted_is_noticed_and_one_that_is_not_pressed_is_not()
     assert lifted_us(2.0, lambda now_us: 2.0 if now_us < 700_000 else 0.0) == 700_000 + LIFTED_US + 1000
 
 
-@pytest.mark.parametrize("form", ["npz", "mcap"])
-def test_each_trial_is_recorded_beside_the_table_and_no_recording_is_overwritten(tmp_path, form):
+def test_each_trial_is_recorded_beside_the_table_and_no_recording_is_overwritten(tmp_path):
     settings = settings_of(tmp_path, 3)
     row = OrderRow(event="repeated", participant="03", session=1, this_n=4, attempt=1, condition="1 JND")
     _, played = run(rig_with(push(0.3)), Meet(), STIMULUS)
-    keep = record_trials(settings, form, {"device": "sim"})
+    keep = record_trials(settings, {"device": "sim"})
     keep(row, played)
     keep(row, played)
     keep(row, Fault("nothing to keep"))
     folder = settings.folder / "recordings"
-    assert sorted(file.name for file in folder.iterdir()) == [f"trial-004-1-2.{form}", f"trial-004-1.{form}"]
-    session = read_session(folder / f"trial-004-1.{form}")
+    assert sorted(file.name for file in folder.iterdir()) == ["trial-004-1-2.npz", "trial-004-1.npz"]
+    session = read_session(folder / "trial-004-1.npz")
     assert len(session.tables["tick"]["t_us"]) == len(played.ticks["t_us"])
     assert session.about["trial"]["event"] == "repeated"
     ((_, settings),) = in_force(session.events)
     assert (settings["codec"], settings["channel_out"]) == (STIMULUS.codec, STIMULUS.forward)
-    assert record_trials(settings, "none", {}) is None
 
 
 def test_a_clock_that_is_set_back_changes_the_date_and_nothing_else(tmp_path):
@@ -208,7 +206,7 @@ def test_a_recording_that_cannot_be_written_ends_the_session_after_the_row_is_st
     settings, rig = settings_of(tmp_path, 3), GivenRig()
     settings.folder.mkdir(parents=True)
     (settings.folder / "recordings").write_text("a file where the folder should be")
-    keep = record_trials(settings, "npz", {})
+    keep = record_trials(settings, {})
     with open_session(settings, rig.now_us()) as (flow, store), pytest.raises(FileError, match="recordings"):
         asyncio.run(conduct(flow, rig, WillingFront(rig), store, date=lambda: "", on_outcome=keep))
     assert [row.event for row in read_table(settings.table, OrderRow)] == [

@@ -83,22 +83,6 @@ def test_a_study_of_simulated_observers_ends_with_report_and_figures_and_is_not_
     assert tables == {number: (folder / TABLE.format(number)).read_bytes() for number in tables}
 
 
-def test_a_dry_run_prints_the_schedule_and_leaves_nothing(folder):
-    before = sorted(folder.iterdir())
-    words = ("--participant", "03", "--plan", "plan.toml", "--dry-run")
-    for verb, part in (("order", "trials"), ("limits", "series")):
-        (drawn,) = json.loads(experiment(folder, verb, *words, "--json").stdout)
-        assert len(drawn[part]) in (2, 4)
-    shown = experiment(folder, "order", "--participant", "03", "--dry-run").stdout.splitlines()
-    assert shown[0] == "participant 03, session 1: 40 trials, seed 0"
-    assert len(shown) == 6
-    assert [line.split(":")[0] for line in shown[2:]] == [
-        "  block 1, 2 JND", "  block 2, 4 JND", "  block 3, 1 JND", "  block 4, none"
-    ]  # fmt: skip
-    assert len(experiment(folder, "limits", "--participant", "03", "--dry-run").stdout.splitlines()) == 21
-    assert sorted(folder.iterdir()) == before
-
-
 def test_the_jnd_is_measured_and_the_ordering_task_uses_it(folder):
     (folder / "plan.toml").write_text(PLAN + "[jnd]\nmeasured = 'required'\n")
     words = ("--participant", "03", "--plan", "plan.toml", "--simulate", "literature")
@@ -131,7 +115,7 @@ def test_observers_without_a_jnd_end_with_an_account_of_it(folder, observer, tol
 
 
 def test_a_killed_session_goes_on_and_asks_what_it_would_have_asked(folder):
-    words = ("--plan", "plan.toml", "--simulate", "literature", "--record-format", "none", "--no-analyse")
+    words = ("--plan", "plan.toml", "--simulate", "literature", "--no-analyse")
     whole = experiment(folder, "order", "--participant", "01", *words, "--out-dir", "whole")
     assert whole.returncode == 0, whole.stderr
     table = folder / TABLE.format("01")
@@ -188,7 +172,7 @@ def test_a_simulated_session_over_udp_ends_with_report_and_recordings(folder):
     assert sorted(row.this_n for row in rows if row.event == "trial") == [0]
     assert (folder / "study/results/report.md").exists()
     recordings = list((folder / "study/sub-01/ses-1/order/recordings").iterdir())
-    assert {file.suffix for file in recordings} == {".mcap"}
+    assert {file.suffix for file in recordings} == {".npz"}
     told = hapticnet("info", recordings[0], "--json")
     assert json.loads(told.stdout)["complete"] is True
 

@@ -1,4 +1,4 @@
-"""Intervals, exact tests, equivalence and curves, against closed forms, scipy and complete enumeration."""
+"""Intervals, exact tests and equivalence, against closed forms, scipy and complete enumeration."""
 
 import math
 from itertools import product
@@ -8,15 +8,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import stats
-from scipy.optimize import isotonic_regression
 
 from hapticnet.study.power import ShareAnswers
 from hapticnet.study.statistics import (
     chance_variance,
     equivalence,
-    falling,
     holm,
-    leaving_point,
     mean_interval,
     share_interval,
     sign_flip,
@@ -137,28 +134,3 @@ def test_equivalence_is_shown_only_if_the_interval_agrees_with_the_tests():
 
 def test_holm_multiplies_the_smallest_most():
     assert holm([0.01, 0.04, 0.03]) == pytest.approx([0.03, 0.06, 0.06])
-
-
-def test_the_point_where_a_curve_leaves_the_margin_lies_where_it_was_put():
-    rng = np.random.default_rng(3)
-    values = [0.0, 1.0, 2.0, 3.0, 4.0]
-    true = np.array([0.8, 0.8, 0.7, 0.6, 0.5])  # it has fallen by 0.15 at 2.5
-    point = leaving_point(values, rng.binomial(20, true, size=(24, 5)) / 20, 0.15, rng, resamples=500)
-    assert point.at == pytest.approx(2.5, abs=0.5)
-    assert point.low < point.at < point.high
-    assert point.reached > 0.99
-
-
-def test_a_curve_that_stays_within_the_margin_is_left_nowhere():
-    rng = np.random.default_rng(3)
-    point = leaving_point([0.0, 1.0, 4.0], np.full((8, 3), 0.75), 0.1, rng, resamples=100)
-    assert point.at is None
-    assert point.high == math.inf
-    assert point.reached == 0.0
-
-
-def test_the_falling_curve_is_scipy_s_isotonic_regression():
-    rng = np.random.default_rng(4)
-    for _ in range(20):
-        means = rng.uniform(size=7)
-        assert falling(means) == pytest.approx(isotonic_regression(means, increasing=False).x)

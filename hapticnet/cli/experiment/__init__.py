@@ -13,9 +13,9 @@ app = typer.Typer(
 def limits(asked: LimitsOptions) -> None:
     """Measure the JND of a participant at each reference force, and write DIR/participants/NUMBER.toml.
 
-    The plan chooses the method: ascending limits, or a forced choice of two intervals with a 1-up-2-down or a Bayesian
-    staircase. Forces pass the hold and the force loop, as in the ordering task; a pair that the device missed is
-    presented again. Each answer is stored at once; --resume continues after any interruption.
+    The plan chooses the method: ascending limits, or a forced choice of two intervals with a 1-up-2-down staircase.
+    Forces pass the hold and the force loop, as in the ordering task; a pair that the device missed is presented again.
+    Each answer is stored at once; --resume continues after any interruption.
     """
     from hapticnet.cli.experiment.conducting import run
 

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated
 
 import typer
 
@@ -45,7 +45,6 @@ class LimitsOptions:
     ] = False
     jobs: options.Jobs = None
     resume: Annotated[bool, typer.Option(help="Continue an interrupted session.")] = False
-    dry_run: Annotated[bool, typer.Option(help="Print the schedule (with --json all of it); do nothing else.")] = False
     json: options.Json = False
     quiet: options.Quiet = False
 
@@ -72,8 +71,4 @@ class OrderOptions(LimitsOptions):
     key: options.Key = None
     peer_key: options.PeerKey = None
     insecure: options.Insecure = False
-    record_format: Annotated[
-        Literal["mcap", "npz", "none"] | None,
-        typer.Option(help="Format of the recordings, one a trial; default: mcap in real time if installed, else npz."),
-    ] = None
     analyse: Annotated[bool, typer.Option(help="With --simulate, analyse the study at the end.")] = True

@@ -1,7 +1,6 @@
 """Conduct the sessions of ``hapticnet experiment limits`` and ``order``: many in virtual time, or one in real time."""
 
 import asyncio
-import json
 import multiprocessing
 import os
 import re
@@ -13,7 +12,7 @@ from multiprocessing.connection import Connection
 from threading import Thread
 from typing import TYPE_CHECKING, Any, Final, TypeAlias
 
-from hapticnet.cli.console import Console, complain, deliver, show
+from hapticnet.cli.console import Console, complain, deliver
 from hapticnet.cli.experiment.asked import LimitsOptions, OrderOptions
 from hapticnet.cli.experiment.results import write_results
 from hapticnet.cli.operators import make_operator
@@ -42,7 +41,6 @@ from hapticnet.study.scene import SCENE_SPEC
 from hapticnet.study.schedule import participant_number
 from hapticnet.study.screens import english
 from hapticnet.study.session import (
-    RecordingForm,
     SessionSettings,
     account_of,
     check_session,
@@ -51,7 +49,6 @@ from hapticnet.study.session import (
     law_of_participant,
     open_session,
     record_trials,
-    usual_form,
 )
 from hapticnet.study.tasks import LIMITS, ORDER
 
@@ -80,19 +77,9 @@ def run(asked: LimitsOptions) -> None:
     virtual = observer is not None and not asked.wall_clock
     sessions = _sessions(asked, find_plan(asked.plan), observer)
     plan = sessions[0].plan
-    if asked.dry_run:
-        schedules = [each.schedule() for each in sessions]
-        if asked.json:
-            print(json.dumps([json.loads(each.to_json()) for each in schedules], indent=1))
-        else:
-            show("\n".join(line for each in schedules for line in each.lines(plan)))
-        return
     known = devices.load(asked.profile)
     devices.check_device(asked.device)
     is_order = isinstance(asked, OrderOptions)
-    form: RecordingForm = "none"
-    if isinstance(asked, OrderOptions):
-        form = asked.record_format or usual_form(real_time=not virtual)
     console = Console(sessions[0].task, quiet=asked.quiet)
     laws: dict[str, list[str]] = {}
     for each in sessions:
@@ -110,11 +97,10 @@ def run(asked: LimitsOptions) -> None:
     if virtual:
         trials = len(sessions) * len(plan.condition) * plan.order.trials
         counted = f"of {trials} trials" if is_order else "pairs"
-        shared = known, observer, form
-        accounts = conduct_all(_conduct_in_virtual_time, shared, sessions, asked.jobs, console, counted)
+        accounts = conduct_all(_conduct_in_virtual_time, (known, observer), sessions, asked.jobs, console, counted)
     else:
         with _socket_of_page(asked.page, console) as opened:
-            accounts = [_conduct_in_real_time(asked, sessions[0], known, observer, opened, form, console)]
+            accounts = [_conduct_in_real_time(asked, sessions[0], known, observer, opened, console)]
     console.finish()
     for account in accounts:
         for told in (*(f"excluded: {why}" for why in account.get("excluded", ())), *account.get("warnings", ())):
@@ -122,7 +108,7 @@ def run(asked: LimitsOptions) -> None:
     if observer is not None and isinstance(asked, OrderOptions) and asked.analyse:
         console.say("analysing the answers")
         out = asked.out_dir
-        write_results(out, out / "results", seed=asked.seed, plots=True, say=console.say)
+        write_results(out, out / "results", plots=True, say=console.say)
     title = "Ordering task" if is_order else "JND"
     title = title if observer is None else f"{title}, simulated observer {observer.name}"
     deliver({"title": title, "participant": accounts}, as_json=asked.json, file=None)
@@ -144,7 +130,7 @@ def _sessions(asked: LimitsOptions, plan: Plan, observer: ObserverSettings | Non
             out=asked.out_dir,
             observer=None if observer is None else observer.name,
             device=asked.device,
-            resume=asked.resume and not asked.dry_run,
+            resume=asked.resume,
             hurried=asked.wall_clock,
             replays=asked.resume and observer is not None and not asked.wall_clock,
         )
@@ -173,9 +159,9 @@ def _seeds(settings: SessionSettings) -> tuple[int, int, int]:
 
 
 def _conduct_in_virtual_time(
-    shared: tuple[Profile, ObserverSettings, RecordingForm], settings: SessionSettings, on_trial: OnTrial
+    shared: tuple[Profile, ObserverSettings], settings: SessionSettings, on_trial: OnTrial
 ) -> dict[str, Any]:
-    known, observer, form = shared
+    known, observer = shared
 
     def on_row(row: Row) -> None:
         if row.event == "trial":
@@ -187,7 +173,7 @@ def _conduct_in_virtual_time(
             raise SettingsError(f"device {settings.device!r} cannot run in virtual time; add --wall-clock")
         rig = VirtualRig(Fingertip(made, LimitSettings(), devices.control_settings(known)), MasterSettings())
         front = SimulatedFront(observer, rig, _seeds(settings), waits=True)
-        keep = record_trials(settings, form, {"device": settings.device})
+        keep = record_trials(settings, {"device": settings.device})
         with open_session(settings, rig.now_us()) as (flow, store):
             asyncio.run(conduct(flow, rig, front, store, on_outcome=keep, on_row=on_row))
             return account_of(settings, flow)
@@ -199,7 +185,6 @@ def _conduct_in_real_time(
     known: Profile,
     observer: ObserverSettings | None,
     opened: "tuple[socket.socket, Access] | None",
-    form: RecordingForm,
     console: Console,
 ) -> dict[str, Any]:
     """Conduct a session with a person at a page or a terminal, or with a simulated observer; return its account."""
@@ -229,7 +214,7 @@ def _conduct_in_real_time(
     ):
         rig = RealRig(fingertip, master_settings, address, tell=console.say, wire=wire, hand=hand, watchers=watchers)
         about = {"operator": source if observer is None else "scripted", "connect": str(address)}
-        keep = record_trials(settings, form, about)
+        keep = record_trials(settings, about)
 
         async def session() -> None:
             prefer_realtime()

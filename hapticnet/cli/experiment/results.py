@@ -22,7 +22,6 @@ def analyse(
     out_dir: Annotated[
         Path | None, typer.Option(metavar="DIR", help="Folder of results; default: DIR/results.")
     ] = None,
-    seed: options.Seed = 1,
     plots: Annotated[bool, typer.Option(help="Draw plots as PDF and PNG.")] = True,
     overwrite: options.Overwrite = False,
     json: options.Json = False,
@@ -37,11 +36,11 @@ def analyse(
     console = Console("experiment", quiet=json)
     target = folder / "results" if out_dir is None else out_dir
     check_new(*(target / name for name in FILES), overwrite=overwrite)
-    report, account = write_results(folder, target, seed=seed, plots=plots, say=console.say)
+    report, account = write_results(folder, target, plots=plots, say=console.say)
     show(account if json else report.removesuffix("\n"))
 
 
-def write_results(folder: Path, target: Path, *, seed: int, plots: bool, say: Callable[[str], None]) -> tuple[str, str]:
+def write_results(folder: Path, target: Path, *, plots: bool, say: Callable[[str], None]) -> tuple[str, str]:
     """Analyse a study, write its results to a folder, and return the report and the account as JSON.
 
     `say` is called with lines for the experimenter. Raises SettingsError if there is nothing to analyse, and FileError
@@ -72,7 +71,7 @@ def write_results(folder: Path, target: Path, *, seed: int, plots: bool, say: Ca
         margin, stated = MARGIN, "the default, because there is no plan"
         if (folder / PLAN_FILE).exists():
             margin, stated = find_plan(str(folder / PLAN_FILE)).order.equivalence_margin, "stated in the plan"
-        results = analyse_rows(rows, margin=margin, seed=seed)
+        results = analyse_rows(rows, margin=margin)
         check_outputs(*(target / name for name in FILES))
         if plots:
             try:
