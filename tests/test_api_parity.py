@@ -15,7 +15,7 @@ from tests.ready import hapticnet
 
 ANY_PORT = "127.0.0.1:0"
 LAW = {"weber": "weber_fraction", "floor": "floor_n"}
-OF_A_PROCESS = {"duration", "metrics", "real_time", "json", "report", "quiet", "config", "log_json"}
+OF_A_PROCESS = {"duration", "metrics", "real_time", "json", "report", "quiet", "config"}
 OF_A_FILE = {
     "force_column": "columns", "time_column": "time", "position_column": "position", "sampling_rate": "rate_hz",
     "max_size": "max_bytes",
@@ -45,7 +45,7 @@ CASES = {
         (hn.compare, hn.load_recording),
         {**LAW, **OF_A_FILE, "traces": "force", "delay": "delay_ms"},
         {
-            "scene", "start", "json", "csv", "plot_dir", "plot_format", "overwrite", "config",
+            "scene", "start", "json", "csv", "plot_dir", "plot_format", "overwrite",
         },
         {"path", "t_s", "t_us"},
         {"jobs"},  # further processes would import the program

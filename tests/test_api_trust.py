@@ -143,7 +143,7 @@ def test_a_tilde_that_the_shell_leaves_is_the_home_folder_on_the_command_line(ho
         ("slave", "--scene", "recording:~/none.csv"),
         ("master", "--operator", "trace:~/none.csv"),
         ("master", "--profile=~/none.csv"),
-        ("codecs", "--config=~/none.csv"),
+        ("master", "--config=~/none.csv"),
     ):
         assert str(home / "none.csv") in hapticnet(*arguments).stderr
 

@@ -20,12 +20,11 @@ from hapticnet.cli import (
 )
 from hapticnet.cli.console import complain
 from hapticnet.cli.given import MasterOptions, SlaveOptions
-from hapticnet.cli.settings import found_of
-from hapticnet.cli.verbs import asks_for_json, equip
+from hapticnet.cli.verbs import SOURCE, equip
 from hapticnet.errors import FileError, HapticnetError, SettingsError, in_words
 from hapticnet.interrupts import ignore_further
 from hapticnet.options import AUTO
-from hapticnet.runtime.nonblocking_log import STDERR, Form, abandon
+from hapticnet.runtime.nonblocking_log import abandon
 
 INTERNAL: Final = 70  # exit code of a fault in hapticnet itself (EX_SOFTWARE of sysexits.h)
 INTERRUPTED: Final = 130  # exit code of a program that SIGINT ended, as in shells
@@ -106,8 +105,6 @@ def main() -> None:
 
     docs/use/service.md lists the exit codes.
     """
-    if asks_for_json(sys.argv[1:], os.environ):
-        STDERR.form = Form.JSON  # now, so that errors in options are printed in this form too
     try:
         if not os.environ.get("COLUMNS", "").strip("0"):  # rich would print nothing in 0 columns
             os.environ.pop("COLUMNS", None)
@@ -172,11 +169,9 @@ def _command_path(error: Exception) -> str:
     return str(context.command_path) if context else "hapticnet"
 
 
-def _source(error: Exception) -> str:
-    """Return the file or variable that gave an invalid value; None for the command line."""
-    context, option = getattr(error, "ctx", None), getattr(error, "param", None)
-    if context is None or option is None or option.name not in found_of(context):
+def _source(error: Any) -> str:
+    """Return the file and table that gave an invalid value; an empty text for the command line."""
+    if getattr(error, "ctx", None) is None or getattr(error, "param", None) is None:
         return ""
-    source = context.get_parameter_source(option.name)
-    from_found = source is not None and source.name == "DEFAULT_MAP"
-    return f"{found_of(context)[option.name].source}: " if from_found else ""
+    source = error.ctx.get_parameter_source(error.param.name)
+    return f"{error.ctx.meta[SOURCE]}: " if source is not None and source.name == "DEFAULT_MAP" else ""

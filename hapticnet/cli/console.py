@@ -26,28 +26,20 @@ class Console:
         self._name = name
         self._quiet = quiet
         self.faults: list[str] = []  # what has failed while the run went on
-        in_words = STDERR.form in (Form.PLAIN, Form.STAMPED)
-        self._live = in_words and not quiet and sys.stderr is not None and sys.stderr.isatty()
+        self._live = STDERR.form is not Form.JOURNAL and not quiet and sys.stderr is not None and sys.stderr.isatty()
         self._next_progress_s = time.monotonic() + PROGRESS_S
         if real_time:
             never_block()
 
-    @property
-    def left_out(self) -> int:
-        """Number of lines that were not printed, because there were too many or the reader stalled."""
-        return STDERR.left_out
-
-    def say(
-        self, text: str, *, event: str | None = None, fields: Mapping[str, Any] | None = None, needed: bool = False
-    ) -> None:
-        """Print a permanent line, a `needed` one even if quiet; as JSON, with the event and its subject."""
+    def say(self, text: str, *, needed: bool = False) -> None:
+        """Print a permanent line, a `needed` one even if quiet."""
         if needed or not self._quiet:
-            STDERR.line(LogLine(text, who=self._name, event=event, fields=fields), needed=needed)
+            STDERR.line(LogLine(text, who=self._name), needed=needed)
 
-    def warn(self, text: str, *, event: str | None = None, fields: Mapping[str, Any] | None = None) -> None:
+    def warn(self, text: str) -> None:
         """Print a permanent line about something that works worse than it could."""
         if not self._quiet:
-            STDERR.line(LogLine(text, who=self._name, level=Level.WARNING, event=event, fields=fields))
+            STDERR.line(LogLine(text, who=self._name, level=Level.WARNING))
 
     def fault(self, text: str) -> None:
         """Warn of a failure that does not end the run; report and exit code state it too."""

@@ -48,7 +48,7 @@ EXAMPLES: Final[dict[tuple[str, ...], tuple[str, ...]]] = {
         "hapticnet master --connect 192.0.2.7:47800 --peer-key KEY --device serial:auto --profile device.toml",
         "hapticnet master --operator trace:hand.csv --device none --json >report.json",
         "hapticnet master --law study/participants/03.toml",
-        "HAPTICNET_MASTER_CODEC=raw hapticnet master --config rig.toml",
+        "hapticnet master --config rig.toml --codec raw",
     ),
     ("compare",): (
         "hapticnet compare",

@@ -243,8 +243,7 @@ class MasterMessages(Watcher[NodeEvent]):
             self._hint = event.reason
         failed = isinstance(event, Ended) and (event.refused or self._node.failure is not None)
         tell = self._console.warn if failed or type(event).__name__ in DISTURBANCES else self._console.say
-        about = {"master": self._node.settings.name, "address": self._address, "codec": self._node.codec.name}
-        tell(in_words(event, self._node, self._address), event=type(event).__name__, fields=about)
+        tell(in_words(event, self._node, self._address))
         if isinstance(event, Connected):
             self._warn_of_unused(event.grant)
 

@@ -195,7 +195,7 @@ class SlaveMessages(Watcher[SlaveEvent]):
         disturbs = failure is not None or isinstance(event, MasterRefused) or type(event).__name__ in DISTURBANCES
         tell = self._console.warn if disturbs else self._console.say
         listed = self._listed(event) if isinstance(event, MasterRefused) else None
-        tell(in_words(event, listed), event=type(event).__name__, fields=fields_of(event, listed))
+        tell(in_words(event, listed))
 
     def _listed(self, event: MasterRefused) -> str | None:
         """Return the listed name of a refused master; None if it is not listed."""
@@ -247,19 +247,6 @@ def in_words(event: SlaveEvent, listed: str | None = None) -> str:
     if isinstance(event, MasterLeft):
         return f"{who(event.context)} left: {session.end_reason} ({event.context.steps} steps)"
     raise TypeError(event)
-
-
-def fields_of(event: SlaveEvent, listed: str | None = None) -> dict[str, Any]:
-    """Return the subject of an event, for programs; `listed` as for `in_words`."""
-    if isinstance(event, StepsTooSlow):
-        return {"code": event.what}
-    about: dict[str, Any]
-    if isinstance(event, MasterRefused):
-        about = {"master": event.name, "address": text_of(event.address), "refusal": event.code.name}
-    else:
-        request, listed = event.context.session.request, event.context.listed
-        about = {"master": request.name, "address": text_of(event.context.address), "codec": request.codec}
-    return about if listed is None else {**about, "listed": listed}
 
 
 def who(context: "SlaveContext") -> str:

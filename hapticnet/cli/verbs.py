@@ -1,12 +1,10 @@
-"""Features that all verbs share: ``--config``, environment variables, groups and examples."""
+"""Features that verbs share: ``--config``, groups of options, and examples."""
 
 import dataclasses
 import functools
 import inspect
-import os
 import re
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from itertools import pairwise
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Annotated, Any, Final, cast
 
@@ -15,26 +13,16 @@ from typer.core import TyperCommand
 from typer.models import ParameterInfo
 
 from hapticnet.cli.examples import EXAMPLES
-from hapticnet.cli.settings import (
-    CONFIG_VARIABLE,
-    FLAGS,
-    FOUND,
-    Verb,
-    load_found,
-    option_key,
-    unknown_variables,
-    variable,
-    verb_of,
-    wanted,
-)
+from hapticnet.cli.settings import Verb, from_file, option_key, wanted
 from hapticnet.cli.values import check_values
-from hapticnet.errors import HapticnetError
 from hapticnet.files import user_path
 from hapticnet.options import option_of
-from hapticnet.runtime.nonblocking_log import STDERR, Form, Level, LogLine, keep_log
+from hapticnet.runtime.nonblocking_log import keep_log
 
-LOGGING: Final = {("master",), ("slave",)}
-"""Verbs that run until they are stopped: their lines on stderr have time and level."""
+SERVICES: Final = ("master", "slave")
+"""Verbs that run until they are stopped: they read a configuration, and their lines on stderr have time and level."""
+
+SOURCE: Final = "hapticnet.source"  # where a context keeps which file and table gave its defaults
 
 UNITS: Final = {"duration": "SECONDS", "sampling_rate": "HZ", "floor": "NEWTONS", "rate": "HZ", "weber": "FRACTION"}
 VALUES: Final = {bool: None, int: "N", float: "NUMBER", Path: "FILE", str: "TEXT"}
@@ -42,13 +30,13 @@ VALUES: Final = {bool: None, int: "N", float: "NUMBER", Path: "FILE", str: "TEXT
 
 
 def equip(app: typer.Typer) -> None:
-    """Add to each verb of an application the features that all verbs share."""
+    """Add to each verb of an application the features that verbs share."""
     for verb, group in _groups(app, ()):
         group.info.epilog = _examples(verb)
         for info in group.registered_commands:
             function: Any = info.callback
             words = (*verb, info.name or function.__name__.replace("_", "-"))
-            info.callback = _equipped(function, log=words in LOGGING)
+            info.callback = _equipped(function, serves=words[0] in SERVICES)
             info.cls = GroupedCommand
             info.epilog = _examples(words)
 
@@ -66,7 +54,7 @@ def _examples(verb: Verb) -> str | None:
     return None if lines is None else "\b\nExamples:\n" + "\n".join(f"  {line}" for line in lines)
 
 
-def _equipped(function: Callable[..., None], *, log: bool) -> Callable[..., None]:
+def _equipped(function: Callable[..., None], *, serves: bool) -> Callable[..., None]:
     """Return a verb as typer reads it: a parameter for each option, declared by a dataclass or one by one.
 
     Its options are checked before it begins.
@@ -84,7 +72,6 @@ def _equipped(function: Callable[..., None], *, log: bool) -> Callable[..., None
     @functools.wraps(function)
     def verb(ctx: typer.Context, **options: Any) -> None:
         options = {each.name: _with_home(options[each.name]) for each in own}
-        _warn_of_variables(ctx)
         check_values(ctx, options)
         for each in own:
             if (option := option_of(each.annotation)) is not None:
@@ -94,21 +81,17 @@ def _equipped(function: Callable[..., None], *, log: bool) -> Callable[..., None
         else:
             function(**options)
 
-    common = [_parameter("ctx", typer.Context), _parameter("config", Annotated[Path | None, CONFIG], None)]
-    if log:
-        common.append(_parameter("log_json", Annotated[bool, LOG_JSON], False))
-    return _with_signature(verb, [*own, *common])
+    common = [_parameter("ctx", typer.Context)]
+    if serves:
+        common.append(_parameter("config", Annotated[Path | None, CONFIG], None))
+    made: Any = verb
+    made.__signature__ = inspect.Signature([*own, *common])
+    made.__annotations__ = {each.name: each.annotation for each in (*own, *common)}
+    return verb
 
 
 def _parameter(name: str, annotation: Any, default: Any = inspect.Parameter.empty) -> inspect.Parameter:
     return inspect.Parameter(name, inspect.Parameter.KEYWORD_ONLY, default=default, annotation=annotation)
-
-
-def _with_signature(function: Any, parameters: list[inspect.Parameter]) -> Callable[..., None]:
-    function.__signature__ = inspect.Signature(parameters)
-    function.__annotations__ = {each.name: each.annotation for each in parameters}
-    verb: Callable[..., None] = function
-    return verb
 
 
 def _typed(name: str, annotation: Any) -> Any:
@@ -130,59 +113,24 @@ def _typed(name: str, annotation: Any) -> Any:
 
 
 def _configure(ctx: typer.Context, path: Path | None) -> Path | None:
-    """Let the other options find their values in file and environment; called before they are read."""
+    """Choose the form of log lines, and let the other options find values in a file; called before they are read."""
     if not ctx.resilient_parsing:
-        path = None if path is None else user_path(path)
-        ctx.meta[FOUND] = found = load_found(ctx, path, os.environ)
-        ctx.default_map = {name: each.value for name, each in found.items()}
-    return path
-
-
-def asks_for_json(arguments: Sequence[str], environment: Mapping[str, str]) -> bool:
-    """Return whether command line, environment or configuration ask for log lines in JSON, before any is checked.
-
-    Errors in the configuration are reported later, when it is fully read.
-    """
-    verb = tuple(arguments[:1])
-    if "--log-json" in arguments:
-        return True
-    if verb not in LOGGING or "--no-log-json" in arguments:
-        return False
-    if text := environment.get(variable(verb, "log-json"), ""):
-        return FLAGS.get(text.lower(), False)
-    named = [after for word, after in pairwise(arguments) if word == "--config"]
-    named += [word.partition("=")[2] for word in arguments if word.startswith("--config=")]
-    path = named[-1] if named else environment.get(CONFIG_VARIABLE)
-    if not path:
-        return False
-    from hapticnet.documents import parse_tables, read_document
-
-    try:
-        table = parse_tables(read_document(user_path(path)), path).get(verb[0])
-    except HapticnetError:
-        return False
-    return isinstance(table, dict) and table.get("log-json") is True
-
-
-def _choose_log(as_json: bool) -> bool:
-    """Choose the form of log lines before anything is printed."""
-    if as_json:
-        STDERR.form = Form.JSON
-    else:
         keep_log()
-    return as_json
+        if path is not None:
+            path = user_path(path)
+            commands: dict[str, Any] = {name: cast("Any", ctx.find_root().command).commands[name] for name in SERVICES}
+            ctx.default_map = from_file(path, commands)[str(ctx.info_name)]
+            ctx.meta[SOURCE] = f"{path} [{ctx.info_name}]"
+    return path
 
 
 CONFIG: Final = typer.Option(
     "--config",
-    envvar=CONFIG_VARIABLE,
+    envvar="HAPTICNET_CONFIG",
     metavar="FILE",
     is_eager=True,
     callback=_configure,
     help="Take options that are not given here from this TOML file.",
-)
-LOG_JSON: Final = typer.Option(
-    "--log-json/--no-log-json", is_eager=True, callback=_choose_log, help="Write each line on stderr as a JSON object."
 )
 
 
@@ -191,12 +139,6 @@ def _with_home(value: Any) -> Any:
     if isinstance(value, list):
         return [_with_home(each) for each in value]
     return user_path(value) if isinstance(value, Path) else value
-
-
-def _warn_of_variables(ctx: typer.Context) -> None:
-    verb = verb_of(ctx)
-    for line in unknown_variables(verb, ctx.command, os.environ):
-        STDERR.line(LogLine(line, who=" ".join(verb), level=Level.WARNING))
 
 
 GROUPS: Final[dict[str, tuple[str, ...]]] = {
@@ -229,7 +171,7 @@ GROUPS: Final[dict[str, tuple[str, ...]]] = {
         "by", "of", "quantiles", "where", "csv", "plot", "plot-dir", "plot-format", "plots", "x", "y", "line", "panel",
     ),
     "Output": (
-        "out", "out-dir", "format", "overwrite", "json", "report", "quiet", "log-json",
+        "out", "out-dir", "format", "overwrite", "json", "report", "quiet",
     ),
     "Running": ("duration", "seed", "jobs", "real-time", "quick", "config", "help"),
 }  # fmt: skip

@@ -1,7 +1,6 @@
 """Non-blocking log: the lines of a process on stderr, for a reader who may pause (a full pipe, a stopped terminal)."""
 
 import atexit
-import json
 import logging
 import math
 import os
@@ -15,7 +14,7 @@ from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from enum import Enum
 from queue import Empty, SimpleQueue
-from typing import Any, Final, TextIO
+from typing import Final, TextIO
 
 from hapticnet.errors import FileError, visible
 from hapticnet.protocol.buckets import TokenBucket
@@ -35,7 +34,6 @@ class Form(Enum):
 
     PLAIN = "plain"  # ``master: link stale``, for interactive commands
     STAMPED = "stamped"  # ``2026-11-22T08:17:50.123Z warning master: link stale``, for long-running processes
-    JSON = "json"  # one JSON object per line, for log collectors
     JOURNAL = "journal"  # ``<4>master: link stale``: the journal adds the time itself (sd-daemon(3))
 
 
@@ -49,28 +47,17 @@ class LogLine:
     text: str
     who: str  # part of the program that sends it
     level: Level = Level.INFO
-    event: str | None = None  # name of its event, for programs
-    fields: Mapping[str, Any] | None = None  # subject of the event, for programs: master, address, codec
     time_s: float = field(default_factory=time.time)  # Unix time of the message, possibly long before it is written
 
     def write(self, form: Form) -> str:
         """Return the line, with its line end. It has no control characters, even if it quotes a file or peer."""
         text = visible(self.text)
-        if form is Form.JSON:
-            fields: dict[str, Any] = {"time": self._stamp(), "level": self.level.value, "source": self.who}
-            fields |= {"message": text, **(self.fields or {})}
-            if self.event is not None:
-                fields["event"] = self.event
-            return json.dumps(fields, ensure_ascii=False) + "\n"
-        if form is Form.STAMPED:
-            return f"{self._stamp()} {self.level.value} {self.who}: {text}\n"
+        if form is Form.STAMPED:  # in UTC (RFC 3339), so that the logs of two hosts can be compared
+            stamp = datetime.fromtimestamp(self.time_s, UTC).isoformat(timespec="milliseconds").replace("+00:00", "Z")
+            return f"{stamp} {self.level.value} {self.who}: {text}\n"
         if form is Form.JOURNAL:
             return f"<{PRIORITIES[self.level]}>{self.who}: {text}\n"
         return f"{self.who}: {'warning: ' * (self.level is Level.WARNING)}{text}\n"
-
-    def _stamp(self) -> str:
-        """Return the time in UTC (RFC 3339), so that the logs of two hosts can be compared."""
-        return datetime.fromtimestamp(self.time_s, UTC).isoformat(timespec="milliseconds").replace("+00:00", "Z")
 
 
 def is_journal(environment: Mapping[str, str], descriptor: int) -> bool:
@@ -222,8 +209,7 @@ def never_block() -> None:
 
 def keep_log() -> None:
     """Give each line of this process time and level, in the form that the reader of stderr expects."""
-    if STDERR.form is Form.PLAIN:
-        STDERR.form = Form.JOURNAL if is_journal(os.environ, 2) else Form.STAMPED
+    STDERR.form = Form.JOURNAL if is_journal(os.environ, 2) else Form.STAMPED
 
 
 def write_watched(stream: TextIO, text: str, stall_s: float) -> None:

@@ -146,10 +146,8 @@ def _normal_priority() -> None:
 
 LISTENING: Final = "listening on "  # start of a slave's message that it can be reached, before its address and a comma
 END_WITHIN_S: Final = 5.0
-# Environment variables that name keys. They are for sessions with other hosts; children serve this host.
-KEY_VARIABLES: Final = ("HAPTICNET_KEY", "HAPTICNET_PEER_KEY", "HAPTICNET_MASTERS")
-# Prefixes of environment variables that set options of the user's commands; children get options as arguments.
-OPTION_VARIABLES: Final = ("HAPTICNET_CONFIG", "HAPTICNET_MASTER_", "HAPTICNET_SLAVE_", "HAPTICNET_CHANNEL_")
+# Environment variables for the user's own commands: children serve this host, and get options as arguments.
+HIDDEN: Final = ("HAPTICNET_KEY", "HAPTICNET_PEER_KEY", "HAPTICNET_MASTERS", "HAPTICNET_CONFIG")
 PR_SET_PDEATHSIG: Final = 1  # option of prctl(2) on Linux: receive a signal when the parent dies, for whatever reason
 
 
@@ -160,7 +158,6 @@ class Child:
         self._arguments = arguments
         self._last = "nothing"
         prctl, parent = ctypes.CDLL(None).prctl, os.getpid()
-        hidden = (*KEY_VARIABLES, *OPTION_VARIABLES)
 
         def end_with_parent() -> None:
             prctl(PR_SET_PDEATHSIG, signal.SIGTERM)
@@ -173,7 +170,7 @@ class Child:
             stdout=subprocess.DEVNULL,
             stderr=subprocess.PIPE,
             preexec_fn=end_with_parent,
-            env={name: value for name, value in os.environ.items() if not name.startswith(hidden)},
+            env={name: value for name, value in os.environ.items() if name not in HIDDEN},
             text=True,
             encoding="utf-8",
         )

@@ -16,7 +16,7 @@ from hapticnet.scene.sources import paper_scene
 def make():
     node = SlaveNode(lambda _: Scene(paper_scene(1).tissues), SlaveSettings(), np.random.default_rng(1))
     warned = []
-    console = SimpleNamespace(warn=lambda text, **_: warned.append(text), status=lambda _: None)
+    console = SimpleNamespace(warn=warned.append, status=lambda _: None)
     return node, warned, SlaveMessages(console, node, None)
 
 

@@ -3,7 +3,6 @@
 import contextlib
 import fcntl
 import io
-import json
 import logging
 import os
 import threading
@@ -192,19 +191,13 @@ def test_a_report_that_nobody_reads_is_given_up(pipe):
         write_watched(pipe.writer, "x" * 10_000, stall_s=60.0)
 
 
-LINE = LogLine("link „stale“", "master", Level.WARNING, "LinkStale", time_s=1_763_799_470.1234)
+LINE = LogLine("link „stale“", "master", Level.WARNING, time_s=1_763_799_470.1234)
 
 
 def test_a_line_has_the_form_that_its_reader_expects():
     assert LINE.write(Form.PLAIN) == "master: warning: link „stale“\n"
     assert LINE.write(Form.STAMPED) == "2025-11-22T08:17:50.123Z warning master: link „stale“\n"
     assert LINE.write(Form.JOURNAL) == "<4>master: link „stale“\n"
-    text = LINE.write(Form.JSON)
-    assert text.count("\n") == 1
-    assert json.loads(text) == {
-        "time": "2025-11-22T08:17:50.123Z", "level": "warning", "source": "master", "message": "link „stale“",
-        "event": "LinkStale",
-    }  # fmt: skip
     assert LogLine("\x1b[2Kgone", "master").write(Form.PLAIN) == "master: ?[2Kgone\n"
 
 
