@@ -80,7 +80,6 @@ EXAMPLES: Final[dict[tuple[str, ...], tuple[str, ...]]] = {
     ("scene", "show"): ("hapticnet scene show paper:1", "hapticnet scene show my.toml --json"),
     ("device", "find"): ("hapticnet device find",),
     ("device", "info"): ("hapticnet device info serial:auto",),
-    ("device", "monitor"): ("hapticnet device monitor serial:/dev/ttyUSB0",),
     ("device", "calibrate"): ("hapticnet device calibrate serial:auto",),
     ("device", "tune"): ("hapticnet device tune serial:auto --profile device.toml",),
     ("device", "step"): (

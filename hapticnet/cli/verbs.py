@@ -149,7 +149,7 @@ GROUPS: Final[dict[str, tuple[str, ...]]] = {
     "Keys": ("key", "peer-key", "masters", "insecure"),
     "Operator and device": (
         "operator", "insertions", "rate", "positions", "position-share", "device", "device-takes", "profile", "from",
-        "to", "stiffness", "link", "pairs",
+        "to", "stiffness",
     ),
     "Safety": ("passive", "max-age", "max-force", "first-touch"),
     "Scene and contact": ("scene", "announce", "announced", "predicted"),

@@ -20,7 +20,7 @@ from hapticnet.checks import check_parameter
 from hapticnet.device.base import Device, Reading
 from hapticnet.device.simulated import Plant, PlantSettings, loading_calibration
 from hapticnet.device.wired import WiredDevice
-from hapticnet.errors import FileError, SettingsError, UnavailableError
+from hapticnet.errors import SettingsError, UnavailableError
 from hapticnet.runtime.serial_port import run_device
 from hapticnet.runtime.timer import Repeating
 
@@ -216,7 +216,6 @@ class SimulatedNano(Device):
         self._loss_rng = rng.spawn(1)[0]
         self._under_way: deque[tuple[int, bytes]] = deque()
         self._now_us: int | None = None
-        self._plugged = True
 
     @property
     def contact_force_n(self) -> float:
@@ -237,24 +236,13 @@ class SimulatedNano(Device):
         """Return the counters of the line, for JSON."""
         return self.wired.report()
 
-    def pull_plug(self, now_us: int) -> None:
-        """Disconnect the line; the firmware keeps running."""
-        self._plugged = False
-        self._under_way.clear()
-        self.wired.closed("unplugged", now_us)
-
-    def plug_in(self, now_us: int) -> None:
-        """Reconnect the line; unlike with a real port, this does not reset the controller."""
-        self._plugged = True
-        self.wired.opened(now_us)
-
     def close(self) -> None:
         """End the simulation."""
         self.board.close()
 
     def _advance(self, now_us: int) -> None:
         at_us = self._now_us
-        if at_us is None and self._plugged:
+        if at_us is None:
             self.wired.opened(now_us)
         if at_us is None or not 0 <= now_us - at_us <= LONGEST_GAP_US:
             at_us = now_us if at_us is None or now_us < at_us else now_us - LONGEST_GAP_US
@@ -264,7 +252,7 @@ class SimulatedNano(Device):
             data = self._arriving(at_us)
             at_us = min(at_us + SLICE_US, now_us)
             sent = self.board.advance(at_us, data)
-            if self._plugged and sent:
+            if sent:
                 self.wired.receive(sent, at_us)
         self._now_us = now_us
 
@@ -281,21 +269,19 @@ class SimulatedNano(Device):
 
 
 MOST_CATCH_UP_US: Final = 50_000  # longest stall [µs] that is caught up; the rest of a longer one is skipped
-TERMINALS: Final = "/dev/pts/"  # directory of pseudo-terminals: pts(4)
 MOST_READ_BYTES: Final = 4096  # largest number of bytes read at a time: the capacity of a pseudo-terminal
 
 
 class NanoPty:
-    """A board on a pseudo-terminal, to which `link` is a symbolic link; its output is lost while that is closed.
+    """A board on a pseudo-terminal; its output is lost while that is closed.
 
-    Opening it does not reset the controller. UnavailableError without a pseudo-terminal, FileError without the link.
+    Opening it does not reset the controller. Raise UnavailableError without a pseudo-terminal.
     """
 
-    def __init__(self, board: Board, *, link: Path | None = None) -> None:
+    def __init__(self, board: Board) -> None:
         self.board = board  # firmware and plant
         self.visited = False  # whether a program has it open
         self.lost_us = 0  # real time [µs] skipped after stalls
-        self._link: Path | None = None
         self._simulated_us = 0
         self._reached_us: int | None = None
         try:
@@ -306,8 +292,6 @@ class NanoPty:
             self.path = os.ttyname(visitor)  # the pseudo-terminal to open
             tty.setraw(visitor)  # remains in force as long as this end is open
             os.set_blocking(self._master, False)
-            if link is not None:
-                self._make_link(link)
         except BaseException:
             os.close(self._master)
             raise
@@ -329,25 +313,8 @@ class NanoPty:
             data = b""
 
     def close(self) -> None:
-        """Remove the link and close the pseudo-terminal; the owner closes the board."""
-        if self._link is not None:
-            with contextlib.suppress(OSError):  # already removed, or replaced by another
-                if os.readlink(self._link) == self.path:
-                    self._link.unlink()
+        """Close the pseudo-terminal; the owner closes the board."""
         os.close(self._master)
-
-    def _make_link(self, link: Path) -> None:
-        if os.path.lexists(link) and not (link.is_symlink() and os.readlink(link).startswith(TERMINALS)):
-            raise FileError(f"{link}: exists and was not created by hapticnet; choose another path")
-        made = link.with_name(f".{link.name}.{os.getpid()}")
-        try:
-            made.symlink_to(self.path)
-            made.replace(link)
-        except OSError as error:
-            with contextlib.suppress(OSError):
-                made.unlink()
-            raise FileError(f"{link}: cannot create the link: {error.strerror}") from error
-        self._link = link
 
     def _read(self) -> bytes:
         try:

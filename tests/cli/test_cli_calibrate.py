@@ -1,4 +1,4 @@
-"""Calibrating: from a file, and the guided way without a terminal."""
+"""Calibrating: what measured pairs become, and the guided way without a terminal."""
 
 import asyncio
 import datetime
@@ -12,11 +12,12 @@ from queue import Queue
 
 import pytest
 
+from hapticnet.cli.device import calibrate as measuring
 from hapticnet.cli.device.calibrate import WINDOW_US, CalibrationSession, calibrate
 from hapticnet.device.messages import ADC_FRACTION
 from hapticnet.device.profile import MeasuredFinger, Profile, dump_profile, load_profile
 from hapticnet.device.simulated import Sensor
-from hapticnet.errors import FileError, SettingsError
+from hapticnet.errors import SettingsError
 from tests.device.standin import StandIn
 from tests.ready import ROOT
 from tests.runtime.plugged import Plugged
@@ -24,17 +25,22 @@ from tests.runtime.plugged import Plugged
 FORCES_N = (0.2, 0.5, 1.0, 2.0, 3.0, 5.0, 3.0, 2.0, 1.0, 0.5)
 
 
+MEASURED = [(force_n, Sensor().counts(force_n)) for force_n in FORCES_N] + [(60.0, 1023.0)]
+
+
 @pytest.fixture
-def pairs(tmp_path, monkeypatch):
+def measured(tmp_path, monkeypatch):
+    """Work in a folder of its own, on a device that gives these pairs, which a test may change."""
+    pairs = list(MEASURED)
     monkeypatch.chdir(tmp_path)
-    path = tmp_path / "pairs.csv"
-    rows = [f"{Sensor().counts(force_n)},{force_n}" for force_n in FORCES_N]
-    path.write_text("adc,force_n\n" + "\n".join([*rows, "1023,60"]) + "\n")
-    return path
+    monkeypatch.setattr(measuring, "_measure", lambda _: pairs)
+    monkeypatch.setattr(measuring, "_serial_number", lambda _: None)
+    return pairs
 
 
-def test_a_file_of_pairs_becomes_a_profile(pairs, tmp_path, capsys):
-    calibrate(pairs=pairs)
+@pytest.mark.usefixtures("measured")
+def test_measured_pairs_become_a_profile(tmp_path, capsys):
+    calibrate()
     profile = load_profile(tmp_path / "device.toml")
     assert profile.calibration is not None
     assert profile.calibration.pairs == len(FORCES_N)
@@ -51,55 +57,51 @@ def test_a_file_of_pairs_becomes_a_profile(pairs, tmp_path, capsys):
     assert lines[-1] == "written to device.toml"
 
 
-def test_a_calibration_that_ends_below_what_the_device_renders_says_so(pairs, capsys):
-    pairs.write_text("force_n,adc\n0.5,353\n1,525\n2,694\n")
-    calibrate(pairs=pairs)
+def test_a_calibration_that_ends_below_what_the_device_renders_says_so(measured, capsys):
+    measured[:] = [(0.5, 353.0), (1.0, 525.0), (2.0, 694.0)]
+    calibrate()
     assert "the device renders up to 5 N, but above 2 N this table is constant" in capsys.readouterr().out
 
 
-def test_for_a_program_the_same_comes_as_json(pairs, tmp_path, capsys):
-    calibrate(pairs=pairs, out=tmp_path / "other.toml", json=True)
+def test_for_a_program_the_same_comes_as_json(measured, tmp_path, capsys):
+    calibrate(out=tmp_path / "other.toml", json=True)
     report = json.loads(capsys.readouterr().out)
     assert report["saturated"] == 1
     assert report["hysteresis"] == pytest.approx(0.0, abs=1e-9)
-    assert [pair["force_n"] for pair in report["pairs"]] == [*FORCES_N, 60.0]
+    assert [(pair["force_n"], pair["adc"]) for pair in report["pairs"]] == measured
     assert report["pairs"][-1]["residual_n"] is None
     calibration = load_profile(tmp_path / "other.toml").table
     assert tuple(knot["adc"] for knot in report["knots"]) == calibration.counts
     assert [knot["force_n"] for knot in report["knots"]] == pytest.approx(calibration.forces_n)
 
 
-def test_a_profile_gone_on_from_keeps_what_else_it_knows(pairs, tmp_path):
+@pytest.mark.usefixtures("measured")
+def test_a_profile_gone_on_from_keeps_what_else_it_knows(tmp_path):
     file = tmp_path / "mine.toml"
     finger = MeasuredFinger(stiffness_n_m=900.0, contact_m=0.002, date="2026-05-04")
     file.write_text(dump_profile(Profile(serial="A9B0C1D2", finger=finger, servo_lag_s=0.03)))
-    calibrate(pairs=pairs, profile=file)
+    calibrate(profile=file)
     profile = load_profile(file)
     assert (profile.serial, profile.finger, profile.servo_lag_s) == ("A9B0C1D2", finger, 0.03)
     assert not profile.is_generic
 
 
-def test_a_profile_is_not_overwritten_unasked(pairs, tmp_path):
-    calibrate(pairs=pairs)
+@pytest.mark.usefixtures("measured")
+def test_a_profile_is_not_overwritten_unasked(tmp_path):
+    calibrate()
     before = (tmp_path / "device.toml").read_text()
     with pytest.raises(
         SettingsError, match=r"device.toml exists; update it with --profile device.toml or choose another file"
     ):
-        calibrate(pairs=pairs)
+        calibrate()
     assert (tmp_path / "device.toml").read_text() == before
-    calibrate(pairs=pairs, profile=tmp_path / "device.toml")
+    calibrate(profile=tmp_path / "device.toml")
 
 
-@pytest.mark.parametrize("both", [False, True])
-def test_either_a_device_or_a_file_is_wanted(pairs, both):
-    with pytest.raises(SettingsError, match="either a device, such as serial:auto, or --pairs FILE"):
-        calibrate("serial:auto" if both else None, pairs=pairs if both else None)
-
-
-def test_a_file_that_makes_no_calibration_is_named_and_nothing_written(pairs, tmp_path):
-    pairs.write_text("force_n,adc\n1,500\n2,400\n")
-    with pytest.raises(FileError, match=r"pairs.csv: the force does not increase with the counts"):
-        calibrate(pairs=pairs)
+def test_pairs_that_make_no_calibration_are_refused_and_nothing_is_written(measured, tmp_path):
+    measured[:] = [(1.0, 500.0), (2.0, 400.0)]
+    with pytest.raises(SettingsError, match="the force does not increase with the counts"):
+        calibrate()
     assert not (tmp_path / "device.toml").exists()
 
 

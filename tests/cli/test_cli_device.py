@@ -1,9 +1,8 @@
-"""``hapticnet device find``, ``info`` and ``monitor``: on a pseudo-terminal, and on what is no device."""
+"""``hapticnet device find`` and ``info``: on a pseudo-terminal, and on what is no device."""
 
 import asyncio
 import json
 import os
-import signal
 import sys
 from types import SimpleNamespace
 
@@ -20,7 +19,7 @@ from tests.ready import ROOT, hapticnet
 from tests.runtime.plugged import Plugged
 
 
-def on_stand_in(firmware, *arguments, interrupt_when=None):
+def on_stand_in(firmware, *arguments):
     """Run a verb on a stand-in; {} in its arguments is the port. Returns what subprocess.run would."""
 
     async def scene():
@@ -33,10 +32,6 @@ def on_stand_in(firmware, *arguments, interrupt_when=None):
             env=os.environ | {"PYTHONPATH": str(ROOT)},
         )
         try:
-            if interrupt_when:
-                while not interrupt_when(firmware):
-                    await asyncio.sleep(0.01)
-                process.send_signal(signal.SIGINT)
             stdout, stderr = await process.communicate()
         finally:
             plugged.unplug()
@@ -58,19 +53,6 @@ def test_info_says_who_answers():
     assert said["servo"] == [{"shortest_pulse_us": 1180.0, "longest_pulse_us": 2020.0}] * 3
 
 
-def test_monitor_moves_nothing_and_tells_the_last_reading_when_it_ends():
-    firmware = StandIn()
-    firmware.adc = 512 * 64
-    done = on_stand_in(firmware, "monitor", "serial:{}", "--duration", "0.3", "--json")
-    assert done.returncode == 0, done.stderr
-    said = json.loads(done.stdout)
-    assert (said["counts"], said["calibrated"]) == (512.0, False)
-    assert said["force_n"] > 0.0
-    assert {setpoint[1:] for setpoint, _ in firmware.setpoints} == {(2400, 2400, 2400)}
-    done = on_stand_in(StandIn(), "monitor", "serial:{}", interrupt_when=lambda firmware: len(firmware.setpoints) > 10)
-    assert done.returncode == 0, done.stderr
-
-
 @pytest.mark.parametrize(
     ("device", "words", "code"),
     [
@@ -78,8 +60,8 @@ def test_monitor_moves_nothing_and_tells_the_last_reading_when_it_ends():
         ("ttyUSB0", ("serial:/dev/ttyUSB0",), WRONG_SETTINGS),
     ],
 )
-def test_what_is_no_device_to_monitor_is_said_in_one_line(device, words, code):
-    assert_one_line(hapticnet("device", "monitor", device), *words, code=code)
+def test_what_is_no_device_is_said_in_one_line(device, words, code):
+    assert_one_line(hapticnet("device", "info", device), *words, code=code)
 
 
 def test_find_says_what_to_write(monkeypatch, capsys, tmp_path):

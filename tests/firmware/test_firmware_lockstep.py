@@ -116,15 +116,6 @@ def test_an_invalid_displacement_retracts(simulated: Any, displacement_m: float)
     assert nano.contact_force_n == 0.0
 
 
-def test_a_device_unplugged_before_the_first_exchange_stays_unplugged(simulated: Any) -> None:
-    nano = simulated()
-    nano.pull_plug(0)
-    assert play(nano, 0.004, 0, 300 * MS)[-1] is None
-    assert nano.status == "unplugged"
-    nano.plug_in(300 * MS)
-    assert play(nano, 0.004, 301 * MS, 500 * MS)[-1] is not None
-
-
 def test_a_sensor_fault_changes_the_converters_input(simulated: Any) -> None:
     nano = simulated()
     play(nano, 0.004, 0, 600 * MS)

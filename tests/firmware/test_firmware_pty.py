@@ -28,7 +28,6 @@ from hapticnet.device.messages import (
     frame,
 )
 from hapticnet.device.simulated import PlantSettings
-from hapticnet.errors import FileError
 from hapticnet.runtime.nano import BUILD_VARIABLE, MOST_CATCH_UP_US, Board, NanoPty
 
 ROOT = Path(__file__).parents[2]
@@ -112,13 +111,10 @@ def path_of(process: Process) -> str:
 
 
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
-def test_any_program_can_open_close_and_reopen_it(start: Any, tmp_path: Path, number: signal.Signals) -> None:
-    link = tmp_path / "nano"
-    process = start("--link", link, "--stiffness", "2", "--seed", "3")
+def test_any_program_can_open_close_and_reopen_it(start: Any, number: signal.Signals) -> None:
+    process = start("--stiffness", "2", "--seed", "3")
     path = path_of(process)
-    assert os.readlink(link) == path
-
-    visitor = Visitor(str(link))
+    visitor = Visitor(path)
     identity = visitor.wait_for(Identity, Hello())
     first = visitor.wait_for(SensorReading, Stream(1))
     visitor.close()
@@ -139,7 +135,6 @@ def test_any_program_can_open_close_and_reopen_it(start: Any, tmp_path: Path, nu
     assert process.returncode == 0, errors
     assert output == ""
     assert "finger of 2 N/mm" in errors
-    assert not os.path.lexists(link)
 
 
 def test_it_ends_after_its_duration(start: Any) -> None:
@@ -149,19 +144,11 @@ def test_it_ends_after_its_duration(start: Any) -> None:
     assert process.returncode == 0
 
 
-@pytest.mark.parametrize(
-    ("arguments", "complaint", "code"),
-    [
-        (["--stiffness", "0"], "finger stiffness is 0.0 N/m", 2),
-        (["--link", __file__], "was not created by hapticnet", 3),
-        (["--link", "/no/such/folder/nano"], "cannot create the link: No such file", 3),
-    ],
-)
-def test_invalid_arguments_are_refused(start: Any, arguments: list[str], complaint: str, code: int) -> None:
-    process = start(*arguments)
+def test_a_finger_without_stiffness_is_refused(start: Any) -> None:
+    process = start("--stiffness", "0")
     output, errors = process.communicate(timeout=PATIENCE_S)
-    assert process.returncode == code
-    assert complaint in errors
+    assert process.returncode == 2
+    assert "finger stiffness is 0.0 N/m" in errors
     assert output == ""
 
 
@@ -230,26 +217,3 @@ def test_a_short_stall_is_made_up_for_and_a_long_one_in_part(nano: NanoPty) -> N
     assert nano.board._cycle == pytest.approx((40_000 + MOST_CATCH_UP_US) * 16, abs=20)
     nano.advance(0)
     assert nano.board._cycle == pytest.approx((40_000 + MOST_CATCH_UP_US) * 16, abs=20)
-
-
-def test_an_old_link_is_replaced_and_only_its_own_is_removed(nano: NanoPty, tmp_path: Path) -> None:
-    link = tmp_path / "nano"
-    link.symlink_to("/dev/pts/4711")
-    with closing(NanoPty(nano.board, link=link)) as first:
-        assert os.readlink(link) == first.path
-        with closing(NanoPty(nano.board, link=link)) as second:
-            assert os.readlink(link) == second.path
-        assert not os.path.lexists(link)
-        link.symlink_to("/dev/null")
-    assert os.readlink(link) == "/dev/null"
-
-
-def test_a_foreign_file_in_place_of_the_link_is_not_touched(nano: NanoPty, tmp_path: Path) -> None:
-    file, link = tmp_path / "file", tmp_path / "link"
-    file.write_text("precious")
-    link.symlink_to(file)
-    for place in (file, link):
-        with pytest.raises(FileError, match="was not created by hapticnet"):
-            NanoPty(nano.board, link=place)
-    assert link.read_text() == "precious"
-    assert sorted(tmp_path.iterdir()) == [file, link]

@@ -27,8 +27,9 @@ def plug_in(simulator: None, start: Callable[..., Any], tmp_path: Path) -> Calla
     link = tmp_path / "ttyUSB0"
 
     def plug() -> tuple[Any, str]:
-        device = start("device", "sim", "--link", str(link))
-        device.wait_for("listening on")
+        device = start("device", "sim")
+        link.unlink(missing_ok=True)  # as udev does; the number of the pseudo-terminal goes to another program
+        link.symlink_to(device.wait_for(r"listening on (/dev/pts/\d+)").group(1))
         return device, f"serial:{link}"
 
     return plug
@@ -49,14 +50,13 @@ def test_an_insertion_is_felt_through_a_serial_line_and_the_report_tells_of_it(s
     assert device.end() == 0
 
 
-def test_an_unplugged_device_costs_no_session_and_is_taken_up_again(start, slave, plug_in, tmp_path):
+def test_an_unplugged_device_costs_no_session_and_is_taken_up_again(start, slave, plug_in):
     server, address = slave
     device, port = plug_in()
     master = start("master", "--connect", address, "--device", port, "--duration", "120", "--json")
     master.wait_for("connected to")
     for _ in range(2):
         master.wait_for(READY)
-        (tmp_path / "ttyUSB0").unlink()  # as udev does; the number of the pseudo-terminal goes to another program
         device.process.kill()
         device.process.wait()
         master.wait_for(LOST)

@@ -7,7 +7,6 @@ from hapticnet.cli.device import calibrate, force_loop, wired
 app = typer.Typer(no_args_is_help=True, help="Find, calibrate, tune and test a fingertip device.")
 app.command(short_help="List the serial ports.")(wired.find)
 app.command(short_help="Show the identity of a device.")(wired.info)
-app.command(short_help="Show live readings; the platform stays retracted.")(wired.monitor)
 app.command(short_help="Calibrate the force sensor with known forces.")(calibrate.calibrate)
 app.command(short_help="Measure the position and stiffness of the finger.")(force_loop.tune)
 app.command(short_help="Apply a step of force; report rise and settling.")(force_loop.step)

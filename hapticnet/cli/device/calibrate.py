@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Final, TypeAlias
 import typer
 
 from hapticnet import options
-from hapticnet.cli.device.wired import profile_to_write, run_wired
+from hapticnet.cli.device.wired import Port, profile_to_write, run_wired
 
 if TYPE_CHECKING:
     from hapticnet.device.calibration import Fit
@@ -20,10 +20,7 @@ Pairs: TypeAlias = list[tuple[float, float]]  # pairs of a force [N] and its cou
 
 
 def calibrate(
-    device: Annotated[str | None, typer.Argument(metavar="DEVICE", help="serial:PORT[@BAUD] or serial:auto.")] = None,
-    pairs: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="CSV with columns force_n [N] and adc [counts], not a device.")
-    ] = None,
+    device: Port = "serial:auto",
     profile: Annotated[
         Path | None, typer.Option(metavar="FILE", help="Profile to update; its serial and finger are kept.")
     ] = None,
@@ -32,34 +29,22 @@ def calibrate(
     ] = None,
     json: options.Json = False,
 ) -> None:
-    """Fit the force sensor's calibration to known forces, report the residuals, and write it to a profile."""
+    """Measure known forces, fit the force sensor's calibration, report the residuals, and write it to a profile."""
     import datetime
 
     from hapticnet.cli.console import deliver, write_text
     from hapticnet.device.calibration import fit_calibration
     from hapticnet.device.profile import MeasuredCalibration, dump_profile
-    from hapticnet.errors import FileError, SettingsError
     from hapticnet.runtime import devices
+    from hapticnet.runtime.serial_port import parse_serial
 
-    if (device is None) == (pairs is None):
-        raise SettingsError("calibrate needs either a device, such as serial:auto, or --pairs FILE")
     known = devices.load(profile)
     file = profile_to_write(profile, out or (Path("device.toml") if profile is None else None))
     assert file is not None  # noqa: S101 - one of the three it is
-    if pairs is not None:
-        measured = _read(pairs)
-    else:
-        from hapticnet.runtime.serial_port import parse_serial
-
-        spec = parse_serial(device or "")
-        known = known.changed(serial=_serial_number(spec) or known.serial)
-        measured = _measure(spec)
-    try:
-        fit = fit_calibration([adc for _, adc in measured], [force_n for force_n, _ in measured])
-    except SettingsError as error:
-        if pairs is None:
-            raise
-        raise FileError(f"{pairs}: {error}") from error
+    spec = parse_serial(device)
+    known = known.changed(serial=_serial_number(spec) or known.serial)
+    measured = _measure(spec)
+    fit = fit_calibration([adc for _, adc in measured], [force_n for force_n, _ in measured])
     # Nine decimals are far below any sensor's noise and keep the file readable.
     record = MeasuredCalibration(
         date=datetime.date.today().isoformat(),
@@ -135,13 +120,6 @@ class CalibrationSession:
         if mean == 0.0 < force_n:
             remark = " (the sensor reads 0: is it wired and pressed?)"
         return f"pair {len(self.pairs)}: {force_n:g} N, {mean:.1f} counts{remark}"
-
-
-def _read(file: Path) -> Pairs:
-    from hapticnet.recordings.text import read_csv
-
-    table = read_csv(file, ["force_n", "adc"])
-    return list(zip(table["force_n"].tolist(), table["adc"].tolist(), strict=True))
 
 
 def _serial_number(spec: "SerialSpec") -> str | None:
@@ -237,7 +215,7 @@ class _Keyboard:
         from hapticnet.errors import UnavailableError
 
         if sys.stdin is None or sys.stdin.closed:
-            raise UnavailableError("cannot read forces: there is no stdin; use --pairs FILE")
+            raise UnavailableError("cannot read forces: there is no stdin")
         self._fd = sys.stdin.fileno()
         self._partial = b""
 

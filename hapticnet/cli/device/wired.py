@@ -1,4 +1,4 @@
-"""``hapticnet device find``, ``info`` and ``monitor``, without motion, and ``sim``: devices on serial ports."""
+"""``hapticnet device find`` and ``info``, without motion, and ``sim``: devices on serial ports."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, TypeAlias
@@ -10,11 +10,9 @@ from hapticnet import options
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from hapticnet.device.base import Reading
     from hapticnet.device.wired import WiredDevice
     from hapticnet.runtime.serial_port import SerialSpec
 
-SHOW_EVERY_US = 100_000
 Port: TypeAlias = Annotated[str, typer.Argument(metavar="DEVICE", help="serial:PORT[@BAUD] or serial:auto.")]
 
 
@@ -76,64 +74,7 @@ def info(device: Port = "serial:auto", json: options.Json = False) -> None:
     deliver(account, as_json=json, file=None)
 
 
-def monitor(
-    device: Port = "serial:auto",
-    duration: Annotated[
-        float | None, typer.Option(min=0.0, help="Stop after this many seconds. Default: on Ctrl-C.")
-    ] = None,
-    profile: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="Profile with the device's calibration. Default: a typical one.")
-    ] = None,
-    json: options.Json = False,
-) -> None:
-    """Show live force and counts of a device that stays retracted; at the end the last ones, and what the line did."""
-    from hapticnet.cli.console import Console, deliver
-    from hapticnet.device.wired import WiredDevice
-    from hapticnet.runtime import devices
-    from hapticnet.runtime.serial_port import parse_serial
-
-    spec = parse_serial(device)
-    known = devices.load(profile)
-    wired = WiredDevice(known.table)
-    console = Console("monitor", real_time=True)
-    last: Reading | None = None
-    shown_us = 0
-
-    def tick(now_us: int) -> bool:
-        nonlocal last, shown_us
-        reading = wired.exchange(0.0, now_us)
-        if (reading is None) != (last is None):
-            console.say("receiving readings" if reading else f"no readings: {wired.status}")
-        last = reading
-        if now_us - shown_us >= SHOW_EVERY_US:
-            shown_us = now_us
-            console.status(
-                f"{reading.force_n:6.3f} N  {reading.adc:7.2f} counts  {1e3 * reading.displacement_m:6.3f} mm"
-                if reading
-                else wired.status
-            )
-        return False
-
-    console.say(f"opening {spec}" + ("; not calibrated, forces are rough" if known.is_generic else ""))
-    run_wired(wired, spec, tick, duration_s=duration)
-    console.finish()
-    deliver(
-        {
-            "device": str(spec),
-            "calibrated": not known.is_generic,
-            "force_n": last.force_n if last else None,
-            "counts": last.adc if last else None,
-            "line": wired.report(),
-        },
-        as_json=json,
-        file=None,
-    )
-
-
 def sim(
-    link: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="Make a symbolic link to the pseudo-terminal at FILE.")
-    ] = None,
     stiffness: Annotated[
         float, typer.Option(metavar="N/MM", help="Stiffness of the simulated finger at 1 N [N/mm].")
     ] = 1.0,
@@ -156,7 +97,7 @@ def sim(
 
     settings = PlantSettings(finger=Finger(stiffness_n_m=1000.0 * stiffness))
     console = Console("sim", real_time=True)
-    with closing(Board(settings, np.random.default_rng(seed))) as board, closing(NanoPty(board, link=link)) as nano:
+    with closing(Board(settings, np.random.default_rng(seed))) as board, closing(NanoPty(board)) as nano:
         plant = board.plant
 
         def on_status() -> None:
@@ -167,20 +108,18 @@ def sim(
             )
 
         print(nano.path, flush=True)
-        console.say(f"listening on {link or nano.path}, finger of {stiffness:g} N/mm")
+        console.say(f"listening on {nano.path}, finger of {stiffness:g} N/mm")
         run(run_nano_pty(nano, duration_s=duration, on_status=on_status))
     console.finish()
     console.say(f"ended; {board.resets} resets, {nano.lost_us // 1000} ms skipped after stalls")
 
 
-def run_wired(
-    wired: "WiredDevice", spec: "SerialSpec", tick: "Callable[[int], bool]", *, duration_s: float | None = None
-) -> bool:
+def run_wired(wired: "WiredDevice", spec: "SerialSpec", tick: "Callable[[int], bool]") -> bool:
     """Open a device and call `tick` until it is done; return False if a signal ended it. See `run_device`."""
     from hapticnet.runtime.serial_port import Wire, run_device
     from hapticnet.runtime.system import run
 
-    return run(run_device(Wire(wired=wired, spec=spec), tick, duration_s=duration_s))
+    return run(run_device(Wire(wired=wired, spec=spec), tick))
 
 
 def profile_to_write(profile: Path | None, out: Path | None) -> Path | None:
