@@ -1,0 +1,188 @@
+"""A hand that yields: an arm or a finger that holds a grounded device, moved by its intention and by the force.
+
+A scripted motion goes on whatever force comes back. A hand with mass M, damping B and stiffness K about the motion it
+intends gives way to the force F that the device applies:
+
+    (M + m) x'' + B (x' − i') + b x' + K (x − i) = −F + f + r
+
+with the intended motion i, the device's mass m, damping b and Coulomb friction f, and the stretch reflex r, which is
+late. F is positive when it pushes the hand out of the tissue, and constant from tick to tick, as a device holds it; the
+solution from tick to tick is therefore exact for every mass, stiffness and rate. Friction is the force, up to its
+limit, that stops the hand within the tick.
+"""
+
+import math
+from collections import deque
+from dataclasses import dataclass
+from typing import Final, NamedTuple
+
+from hapticnet.checks import check_parameter
+from hapticnet.operator.base import Operator
+from hapticnet.samples import PositionSample, Vector, new_tuple
+
+LONGEST_STEP_US: Final = 20_000
+"""Longest time [µs] by which one sample moves the hand; after a pause it goes on from its last position."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class HandSettings:
+    """Mechanics of a hand about the motion that it intends, the same on every axis."""
+
+    mass_kg: float
+    damping_n_s_per_m: float
+    stiffness_n_per_m: float
+    # Stretch reflex: a stiffness about the intended motion that acts `reflex_delay_s` late. 25 to 50 ms are usual for
+    # spinal reflexes of the arm; an assumption.
+    reflex_n_per_m: float = 0.0
+    reflex_delay_s: float = 0.04
+
+    def __post_init__(self) -> None:
+        check_parameter("mass of the hand", self.mass_kg, 1e-6, 100.0, "kg")
+        check_parameter("damping of the hand", self.damping_n_s_per_m, 0.0, 1e4, "N·s/m")
+        check_parameter("stiffness of the hand", self.stiffness_n_per_m, 1.0, 1e6, "N/m")
+        check_parameter("stiffness of the reflex", self.reflex_n_per_m, 0.0, 1e5, "N/m")
+        check_parameter("delay of the reflex", self.reflex_delay_s, 0.001, 1.0, "s")
+
+
+HANDS: Final = {
+    # One trial of one participant: van Beek et al., "Haptic perception of force magnitude and its relation to postural
+    # arm dynamics in 3D", Scientific Reports 5:18004 (2015), figure 3.
+    "arm": HandSettings(mass_kg=0.554, damping_n_s_per_m=6.45, stiffness_n_per_m=135.0),
+    # Assumptions: the arm tensed, the arm slack, and a finger on the stage of a small device.
+    "stiff-arm": HandSettings(mass_kg=0.7, damping_n_s_per_m=20.0, stiffness_n_per_m=500.0),
+    "tired-arm": HandSettings(
+        mass_kg=1.0, damping_n_s_per_m=4.0, stiffness_n_per_m=60.0, reflex_n_per_m=20.0, reflex_delay_s=0.06
+    ),
+    "finger": HandSettings(mass_kg=0.05, damping_n_s_per_m=2.0, stiffness_n_per_m=300.0),
+}
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class GroundedSettings:
+    """A grounded (kinesthetic) device: what the hand feels of it, and what it can render."""
+
+    mass_kg: float = 0.0
+    damping_n_s_per_m: float = 0.0
+    friction_n: float = 0.0
+    max_force_n: float = math.inf
+    rate_hz: float = math.inf  # how often it takes a new force; faster than the ticks: with each
+    resolution_m: float = 0.0  # step of its position sensor; 0: none
+
+    def __post_init__(self) -> None:
+        check_parameter("mass of the device", self.mass_kg, 0.0, 100.0, "kg")
+        check_parameter("damping of the device", self.damping_n_s_per_m, 0.0, 1e4, "N·s/m")
+        check_parameter("friction of the device", self.friction_n, 0.0, 100.0, "N")
+        check_parameter("resolution of the device", self.resolution_m, 0.0, 0.01, "m")
+        if not self.max_force_n > 0.0:
+            check_parameter("largest force of the device", self.max_force_n, 1e-3, 1e4, "N")
+        if not self.rate_hz >= 20.0:
+            check_parameter("rate of the device", self.rate_hz, 20.0, 1e5, "Hz")
+
+
+class _Step(NamedTuple):
+    """The exact step of mass, damper and spring over a time: x' = xx x + xv v + xf F, v' = vx x + vv v + vf F."""
+
+    xx: float
+    xv: float
+    xf: float
+    vx: float
+    vv: float
+    vf: float
+
+
+def exact_step(mass_kg: float, damping: float, stiffness: float, step_s: float) -> _Step:
+    """Return the solution of M x'' + B x' + K x = F over a time [s] in which F [N] is constant; K is above zero."""
+    middle, squared = -0.5 * damping / mass_kg, stiffness / mass_kg  # sum of the roots / 2, and their product
+    apart = middle * middle - squared
+    if apart > 0.0:
+        fast = middle - math.sqrt(apart)
+        slow = squared / fast  # not by a difference, which cancels for a small mass
+        e_slow, e_fast = math.exp(slow * step_s), math.exp(fast * step_s)
+        between = slow - fast
+        xv = (e_slow - e_fast) / between if between * step_s > 1e-6 else step_s * e_slow
+        xx = e_slow - slow * xv
+        vv = e_fast + slow * xv
+    else:
+        turn = math.sqrt(-apart)
+        decay = math.exp(middle * step_s)
+        xv = decay * (math.sin(turn * step_s) / turn if turn * step_s > 1e-6 else step_s)
+        xx = decay * math.cos(turn * step_s) - middle * xv
+        vv = decay * math.cos(turn * step_s) + middle * xv
+    return _Step(xx, xv, (1.0 - xx) / stiffness, -squared * xv, vv, xv / mass_kg)
+
+
+class YieldingOperator:
+    """A hand on a grounded device. Satisfies `Operator`, with `feel`.
+
+    `intended`: the motion that the hand would make without a force.
+    """
+
+    def __init__(self, intended: Operator, hand: HandSettings, device: GroundedSettings | None = None) -> None:
+        self.what = "the hand that yields"
+        self.axes = intended.axes
+        self.duration_us = intended.duration_us
+        self.intended, self.hand, self.device = intended, hand, device or GroundedSettings()
+        self.applied_n: Vector = (0.0,) * self.axes  # force [N] of the device on the hand now
+        self._taken_us: int | None = None
+        self._period_us = 1e6 / self.device.rate_hz
+        self._now_us: int | None = None
+        self._intended_m: Vector = ()
+        self._offset_m: list[float] = []  # of the hand from the intended motion, and its rate
+        self._rate_m_per_s: list[float] = []
+        self._past: deque[tuple[int, tuple[float, ...]]] = deque()  # offsets that the reflex has not answered yet
+        self._step_us = 0
+        self._step = exact_step(1.0, 1.0, 1.0, 1.0)
+
+    def feel(self, t_us: int, force_n: Vector) -> None:
+        """Apply a force [N] until the next one, if the device takes one now, at most its largest."""
+        if self._taken_us is not None and 0 <= t_us - self._taken_us < self._period_us - 0.5:
+            return
+        self._taken_us = t_us
+        size_n = math.hypot(*force_n)
+        share = self.device.max_force_n / size_n if size_n > self.device.max_force_n else 1.0
+        self.applied_n = tuple([component * share for component in force_n])
+
+    def sample(self, t_us: int) -> PositionSample:
+        """Return the position that the device measures at `t_us` [µs] from the start of the motion."""
+        intended_m = self.intended.sample(t_us).position_m
+        before_us, self._now_us = self._now_us, t_us
+        if before_us is None:
+            self._offset_m, self._rate_m_per_s = [0.0] * self.axes, [0.0] * self.axes
+        elif t_us > before_us:
+            self._move(min(t_us - before_us, LONGEST_STEP_US), intended_m, t_us)
+        self._intended_m = intended_m
+        position_m = [at + offset for at, offset in zip(intended_m, self._offset_m, strict=True)]
+        if self.device.resolution_m:
+            position_m = [self.device.resolution_m * round(at / self.device.resolution_m) for at in position_m]
+        return new_tuple(PositionSample, (t_us, tuple(position_m)))
+
+    def _move(self, step_us: int, intended_m: Vector, t_us: int) -> None:
+        """Move the hand over a time in which force, reflex and intended velocity are constant."""
+        hand, device = self.hand, self.device
+        if step_us != self._step_us:
+            mass_kg, damping = hand.mass_kg + device.mass_kg, hand.damping_n_s_per_m + device.damping_n_s_per_m
+            self._step = exact_step(mass_kg, damping, hand.stiffness_n_per_m, 1e-6 * step_us)
+            self._step_us = step_us
+        reflex_m = self._stretch(t_us) if hand.reflex_n_per_m else None
+        xx, xv, xf, vx, vv, vf = self._step
+        for axis in range(self.axes):
+            x, v = self._offset_m[axis], self._rate_m_per_s[axis]
+            intended_m_per_s = (intended_m[axis] - self._intended_m[axis]) * 1e6 / step_us
+            force_n = -self.applied_n[axis] - device.damping_n_s_per_m * intended_m_per_s
+            if reflex_m is not None:
+                force_n -= hand.reflex_n_per_m * reflex_m[axis]
+            after = vx * x + vv * v + vf * force_n
+            if device.friction_n:
+                stops_n = -(after + intended_m_per_s) / vf
+                force_n += min(max(stops_n, -device.friction_n), device.friction_n)
+                after = vx * x + vv * v + vf * force_n
+            self._offset_m[axis] = xx * x + xv * v + xf * force_n
+            self._rate_m_per_s[axis] = after
+
+    def _stretch(self, t_us: int) -> tuple[float, ...]:
+        """Return the offset [m] that the reflex answers now; note the present one."""
+        past, delay_us = self._past, 1e6 * self.hand.reflex_delay_s
+        past.append((t_us, tuple(self._offset_m)))
+        while len(past) > 1 and past[1][0] <= t_us - delay_us:
+            past.popleft()
+        return past[0][1] if past[0][0] <= t_us - delay_us else (0.0,) * self.axes
