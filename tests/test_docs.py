@@ -64,8 +64,8 @@ def test_compare_finds_on_the_papers_scene_what_the_readme_says():
 
 def test_the_table_of_channel_presets_is_the_one_in_the_code():
     text = (ROOT / "docs" / "understand" / "delay.md").read_text()
-    for name, preset in PRESETS.items():
-        assert f"| {name} | `{preset.settings.describe()}` |" in text
+    for name, settings in PRESETS.items():
+        assert f"| {name} | `{settings.describe()}` |" in text
 
 
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]

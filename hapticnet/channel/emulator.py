@@ -53,7 +53,7 @@ class Emulator(Generic[T]):
     __slots__ = (
         "_accepted", "_accepted_bytes", "_delay_us", "_delivered", "_delivered_bytes", "_duplicated",
         "_duplicated_bytes", "_duplicates", "_fifo", "_heap", "_hold_back_us", "_hold_backs", "_jitter_us",
-        "_keeps_order", "_last_due_us", "_link_free_ns", "_losses", "_lost", "_lost_bytes", "_newest_delivered",
+        "_last_due_us", "_link_free_ns", "_losses", "_lost", "_lost_bytes", "_newest_delivered",
         "_plain", "_queue_dropped", "_queue_dropped_bytes", "_queue_ns", "_rate_bit_per_s", "_reordered", "_reorders",
         "_rngs", "settings",
     )  # fmt: skip
@@ -88,12 +88,10 @@ class Emulator(Generic[T]):
         self._hold_backs = _chances(settings.reorder_probability, reorder_rng)
         self._hold_back_us = settings.hold_back_us
         self._jitter_us = jitter.delays_us(jitter_rng) if jitter is not None and jitter.deviation_us else None
-        self._keeps_order = jitter is None or jitter.keeps_order
         self._delay_us = settings.delay_us
         self._rate_bit_per_s = settings.rate_bit_per_s
         self._queue_ns = settings.queue_us * _NS_PER_US
-        reorders = self._hold_backs is not None or (self._jitter_us is not None and not self._keeps_order)
-        if reorders and not self._reorders:  # from now on the heap is used, which can keep the order too
+        if self._hold_backs is not None and not self._reorders:  # from now on the heap is used
             self._reorders = True
             oldest = self._accepted - len(self._fifo) + 1
             self._heap = [(due, oldest + n, False, item, size) for n, (due, item, size) in enumerate(self._fifo)]
@@ -191,7 +189,7 @@ class Emulator(Generic[T]):
         if not self._reorders:
             self._fifo.append((due_us, item, size_bytes))
             return
-        if self._keeps_order and under_way and due_us < self._last_due_us:
+        if under_way and due_us < self._last_due_us:
             due_us = self._last_due_us
         if self._hold_backs is not None and next(self._hold_backs):
             due_us += self._hold_back_us

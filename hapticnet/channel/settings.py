@@ -1,6 +1,5 @@
 """Settings of one direction of an emulated network, each with its text form in a channel specification."""
 
-import itertools
 import math
 import re
 from collections.abc import Iterator, Mapping
@@ -95,8 +94,6 @@ def _in_largest_unit(value: int, units: Mapping[str, int]) -> str:
 
 BLOCK: Final = 1024  # random numbers drawn at a time; drawing one at a time would dominate the cost of a packet
 
-LONGEST_PATTERN: Final = 1_000_000
-
 
 @dataclass(frozen=True, slots=True)
 class BernoulliLoss:
@@ -164,47 +161,18 @@ class GilbertElliottLoss:
                 bad = state_draw < (stay_bad if bad else to_bad)
 
 
-@dataclass(frozen=True, slots=True)
-class PatternLoss:
-    """Losses by an explicit pattern, repeated forever."""
-
-    pattern: str  # one character per packet: 1 is lost, 0 is delivered
-
-    def __post_init__(self) -> None:
-        if not 1 <= len(self.pattern) <= LONGEST_PATTERN or set(self.pattern) - {"0", "1"}:
-            raise SettingsError(
-                f'loss pattern is "{self.pattern[:40]}"; it must be 1 to {LONGEST_PATTERN} characters 0 '
-                "(delivered) or 1 (lost), such as 0010110"
-            )
-
-    @property
-    def mean(self) -> float:
-        """Long-term share of lost packets."""
-        return self.pattern.count("1") / len(self.pattern)
-
-    def describe(self) -> str:
-        """Return the text that `parse_loss` reads."""
-        return f"pattern:{self.pattern}"
-
-    def fates(self, _rng: np.random.Generator) -> Iterator[bool]:
-        """Yield whether each packet in turn is lost; the generator is not used."""
-        return itertools.cycle([mark == "1" for mark in self.pattern])
-
-
-Loss: TypeAlias = BernoulliLoss | GilbertElliottLoss | PatternLoss
+Loss: TypeAlias = BernoulliLoss | GilbertElliottLoss
 
 
 def parse_loss(text: str) -> Loss:
-    """Return the loss written as ``2%``, ``gilbert:p,r[,h[,k]]`` or ``pattern:0010110``; SettingsError if invalid."""
+    """Return the loss written as ``2%`` or ``gilbert:p,r[,h[,k]]``; SettingsError if invalid."""
     model, colon, arguments = text.partition(":")
     if not colon:
         return BernoulliLoss(parse_share(text))
-    if model == "pattern":
-        return PatternLoss(arguments)
     shares = arguments.split(",")
     if model == "gilbert" and 2 <= len(shares) <= 4:
         return GilbertElliottLoss(*(parse_share(share) for share in shares))
-    raise SettingsError(f'"{text[:60]}" is not a loss such as 2%, gilbert:p,r[,h[,k]] or pattern:0010110')
+    raise SettingsError(f'"{text[:60]}" is not a loss such as 2% or gilbert:p,r[,h[,k]]')
 
 
 Distribution: TypeAlias = Literal["normal", "uniform", "pareto"]
@@ -233,7 +201,6 @@ class Jitter:
     deviation_us: int  # standard deviation σ [µs]
     # α of the Pareto distribution, above 2; smaller values give a heavier tail. Not used by the other two.
     shape: float = DEFAULT_SHAPE
-    keeps_order: bool = True  # whether a packet waits for earlier ones (a queue) or may overtake them (multiple paths)
 
     def __post_init__(self) -> None:
         if self.distribution not in DISTRIBUTIONS:
@@ -287,8 +254,8 @@ class ChannelSettings:
     not duplicated. A duplicate follows its original through the bottleneck, like a retransmission after a lost
     acknowledgement, so the output never exceeds the rate.
 
-    Packets keep their order, with two exceptions: `reorder_probability` holds back single packets while later ones
-    overtake, and a jitter with ``keeps_order=False`` reorders all.
+    Packets keep their order, also with jitter: each waits for those before it, as in a queue. Only
+    `reorder_probability` holds back single packets while later ones overtake.
     """
 
     delay_us: int = 0  # shortest time [µs] from sending to delivery
@@ -331,8 +298,6 @@ class ChannelSettings:
             parts.append(f"delay={format_time(self.delay_us)}")
         if self.jitter is not None:
             parts.append(f"jitter={self.jitter.describe()}")
-            if not self.jitter.keeps_order:
-                parts.append("order=free")
         if self.loss is not None:
             parts.append(f"loss={self.loss.describe()}")
         if self.reorder_probability or self.hold_back_us != DEFAULT_HOLD_BACK_US:

@@ -4,9 +4,8 @@ Each named network describes one direction of a link; a round trip passes throug
 The other numbers are typical of such links, for trying a system on a kind of network; they are not measurements of one.
 """
 
-import math
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any, Final
 
 from hapticnet.channel.settings import (
@@ -20,37 +19,13 @@ from hapticnet.channel.settings import (
 )
 from hapticnet.errors import SettingsError
 
-SPEED_OF_LIGHT_KM_PER_S: Final = 299_792.458  # speed of light in vacuum, by definition of the metre (SI)
-FIBRE_GROUP_INDEX: Final = 1.468  # group index of single-mode fibre at 1550 nm, typical of data sheets
-
-LONDON_NEW_YORK_KM: Final = 5_570.0
-"""Great circle from 51.51° N 0.13° W to 40.71° N 74.01° W on a sphere of 6,371 km radius."""
-
-GEOSTATIONARY_ALTITUDE_KM: Final = 35_786.0  # altitude above the equator of an orbit with a period of one sidereal day
-EARTH_RADIUS_KM: Final = 6_378.0  # radius at the equator
-
-FIBRE_FLOOR_MS: Final = LONDON_NEW_YORK_KM * FIBRE_GROUP_INDEX / SPEED_OF_LIGHT_KM_PER_S * 1e3
-"""27.3 ms: propagation time in a fibre along the great circle."""
-
-OVERHEAD_HOP_MS: Final = 2.0 * GEOSTATIONARY_ALTITUDE_KM / SPEED_OF_LIGHT_KM_PER_S * 1e3
-"""238.7 ms: up and down with the satellite overhead at both ends."""
-
-HORIZON_HOP_MS: Final = (
-    2.0
-    * math.sqrt((EARTH_RADIUS_KM + GEOSTATIONARY_ALTITUDE_KM) ** 2 - EARTH_RADIUS_KM**2)
-    / SPEED_OF_LIGHT_KM_PER_S
-    * 1e3
-)
-"""278.1 ms: up and down with the satellite on the horizon at both ends."""
-
 
 def parse_channel(spec: str) -> ChannelSettings:
     """Return the settings written as a preset, as parts separated by commas, or as a preset followed by parts.
 
     ``perfect``, ``wifi``, ``wifi,loss=5%``, or the parts ``delay=20ms``, ``jitter=normal:5ms`` (or ``uniform:5ms``,
-    ``pareto:5ms[:shape]``), ``order=keep`` (or ``free``), ``loss=2%`` (or ``gilbert:p,r[,h[,k]]``,
-    ``pattern:0010110``), ``reorder=1%[:10ms]``, ``duplicate=0.1%``, ``rate=1Mbit/s``, ``queue=100ms``. A part
-    replaces the preset's; ``none`` removes it. Case does not matter.
+    ``pareto:5ms[:shape]``), ``loss=2%`` (or ``gilbert:p,r[,h[,k]]``), ``reorder=1%[:10ms]``, ``duplicate=0.1%``,
+    ``rate=1Mbit/s``, ``queue=100ms``. A part replaces the preset's; ``none`` removes it. Case does not matter.
 
     Raise SettingsError if a part is invalid; the message names it and says what is valid.
     """
@@ -63,7 +38,7 @@ def parse_channel(spec: str) -> ChannelSettings:
                 f'channel: "{preset[:60]}" is not a preset; presets are {", ".join(PRESETS)}, '
                 "or write parts such as delay=20ms,loss=2%"
             )
-        settings = PRESETS[preset].settings
+        settings = PRESETS[preset]
     values: dict[str, str] = {}
     key = ""
     for part in parts:
@@ -86,14 +61,6 @@ def parse_channel(spec: str) -> ChannelSettings:
     return settings
 
 
-def _order(settings: ChannelSettings, text: str) -> dict[str, Any]:
-    if text not in ("keep", "free"):
-        raise SettingsError(f'"{text}" is neither keep nor free')
-    if settings.jitter is None:
-        raise SettingsError("there is no jitter to change the order of packets; add one such as jitter=normal:5ms")
-    return {"jitter": replace(settings.jitter, keeps_order=text == "keep")}
-
-
 def _reorder(_settings: ChannelSettings, text: str) -> dict[str, Any]:
     share, colon, hold_back = text.partition(":")
     return {
@@ -111,7 +78,6 @@ _DEFAULTS: Final = ChannelSettings()
 _PARTS: Final[Mapping[str, Callable[[ChannelSettings, str], dict[str, Any]]]] = {
     "delay": _part("delay_us", parse_time_us),
     "jitter": _part("jitter", parse_jitter),
-    "order": _order,
     "loss": _part("loss", parse_loss),
     "reorder": _reorder,
     "duplicate": _part("duplicate_probability", parse_share),
@@ -121,43 +87,22 @@ _PARTS: Final[Mapping[str, Callable[[ChannelSettings, str], dict[str, Any]]]] = 
 """The parts of a specification in the order they take effect, each with its change of the settings."""
 
 
-@dataclass(frozen=True, slots=True)
-class Preset:
-    """A named network."""
-
-    settings: ChannelSettings
-    source: str  # where its numbers come from
-
-
-PRESETS: Final[Mapping[str, Preset]] = {
-    "perfect": Preset(_DEFAULTS, "nothing added, nothing lost"),
-    "lan": Preset(
-        parse_channel("delay=200us,jitter=normal:50us,rate=1Gbit/s"),
-        "typical of switched gigabit Ethernet with a few switches and both hosts' network stacks; the rate is "
-        "1000BASE-T's",
-    ),
-    "wifi": Preset(
-        parse_channel("delay=2ms,jitter=pareto:3ms,loss=gilbert:0.4%,40%,rate=50Mbit/s"),
-        "typical of a shared home or office access point. Losses come in bursts of 2.5 packets, 1 % overall; "
-        "two states are a simplification: da Silva and Pedroso, Sensors 22 (2022) 8592, find them inadequate "
-        "for measured Wi-Fi losses. Order is kept because 802.11 receivers reorder",
-    ),
-    "4g": Preset(
-        parse_channel("delay=20ms,jitter=normal:5ms,loss=gilbert:0.1%,50%,rate=13600kbit/s,queue=300ms"),
-        "rate and delay after Ofcom's measurements with smartphones in five UK towns, Q4 2014: mean upload "
-        "13.6 Mbit/s, mean round trip 53.1 ms (20 ms and a jitter of 6.6 ms on average, twice); spread of the "
-        "jitter, loss and queue typical",
-    ),
-    "transatlantic": Preset(
-        parse_channel("delay=35ms,jitter=normal:500us,loss=0.1%,rate=100Mbit/s"),
-        f"London to New York: light in fibre along the great circle takes {FIBRE_FLOOR_MS:.1f} ms; the fastest "
-        "cable's tested round trip is 58.95 ms (Hibernia Express, 2015); 35 ms, jitter, loss and rate are "
-        "typical of routed internet paths",
-    ),
-    "satellite": Preset(
-        parse_channel("delay=290ms,jitter=normal:8ms,loss=gilbert:0.1%,20%,rate=5Mbit/s,queue=300ms"),
-        f"geostationary: {OVERHEAD_HOP_MS:.1f} ms with the satellite overhead to {HORIZON_HOP_MS:.1f} ms on the "
-        "horizon, plus ground equipment, for the round trip of about 600 ms that Huston reports (APNIC, 2022); "
-        "jitter, loss, rate and queue typical",
-    ),
+PRESETS: Final[Mapping[str, ChannelSettings]] = {
+    "perfect": _DEFAULTS,
+    # A few switches and both hosts' network stacks; the rate is 1000BASE-T's.
+    "lan": parse_channel("delay=200us,jitter=normal:50us,rate=1Gbit/s"),
+    # A shared home or office access point. Losses come in bursts of 2.5 packets, 1 % overall; two states are a
+    # simplification: da Silva and Pedroso, Sensors 22 (2022) 8592, find them inadequate for measured Wi-Fi losses.
+    # Order is kept because 802.11 receivers reorder.
+    "wifi": parse_channel("delay=2ms,jitter=pareto:3ms,loss=gilbert:0.4%,40%,rate=50Mbit/s"),
+    # Rate and delay after Ofcom's measurements with smartphones in five UK towns, Q4 2014: mean upload 13.6 Mbit/s,
+    # mean round trip 53.1 ms (20 ms and a jitter of 6.6 ms on average, twice).
+    "4g": parse_channel("delay=20ms,jitter=normal:5ms,loss=gilbert:0.1%,50%,rate=13600kbit/s,queue=300ms"),
+    # London to New York: light in fibre along the great circle takes 27.3 ms; the fastest cable's tested round trip is
+    # 58.95 ms (Hibernia Express, 2015).
+    "transatlantic": parse_channel("delay=35ms,jitter=normal:500us,loss=0.1%,rate=100Mbit/s"),
+    # Geostationary: 238.7 ms with the satellite overhead at both ends to 278.1 ms on the horizon, plus ground
+    # equipment, for the round trip of about 600 ms that Huston reports (APNIC, 2022).
+    "satellite": parse_channel("delay=290ms,jitter=normal:8ms,loss=gilbert:0.1%,20%,rate=5Mbit/s,queue=300ms"),
 }
+"""Named networks, each with the sources of its numbers."""

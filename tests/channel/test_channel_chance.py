@@ -6,7 +6,7 @@ import math
 import numpy as np
 import pytest
 
-from hapticnet.channel.settings import BernoulliLoss, GilbertElliottLoss, Jitter, PatternLoss
+from hapticnet.channel.settings import BernoulliLoss, GilbertElliottLoss, Jitter
 
 PACKETS = 200_000
 
@@ -65,12 +65,6 @@ def test_gilbert_elliott_starts_in_its_stationary_distribution():
 def test_gilbert_elliott_with_a_state_that_is_never_left(loss, lost):
     assert (fates(loss, packets=5000) == lost).all()
     assert loss.mean == lost
-
-
-def test_a_pattern_is_repeated():
-    loss = PatternLoss("0010110")
-    assert "".join("01"[lost] for lost in fates(loss, packets=21).tolist()) == "0010110" * 3
-    assert loss.mean == pytest.approx(3 / 7)
 
 
 @pytest.mark.parametrize(

@@ -10,14 +10,13 @@ from hapticnet.channel.emulator import HEADER_BYTES, Emulator
 from hapticnet.channel.spec import PRESETS, parse_channel
 
 EVERYTHING = (
-    "delay=3ms,jitter=pareto:2ms,order=free,loss=gilbert:5%,30%,20%,99%,reorder=5%:4ms,duplicate=5%,"
-    "rate=400kbit/s,queue=4ms"
+    "delay=3ms,jitter=pareto:2ms,loss=gilbert:5%,30%,20%,99%,reorder=5%:4ms,duplicate=5%,rate=400kbit/s,queue=4ms"
 )
 SPECS = [
     "perfect",
     "delay=3ms",
     "delay=3ms,jitter=normal:1ms",
-    "delay=3ms,jitter=uniform:2ms,order=free",
+    "delay=3ms,jitter=uniform:2ms",
     "loss=20%,duplicate=10%",
     "delay=1ms,reorder=20%:2500us",
     "rate=300kbit/s,queue=3ms,duplicate=20%",
@@ -125,7 +124,7 @@ def test_the_same_seed_gives_the_same_result_however_often_packets_are_taken_out
     assert [due_us for due_us, _ in taken] == [due_us for due_us, _ in expected]
 
 
-@pytest.mark.parametrize("spec", [spec for spec in SPECS if "order=free" not in spec and "reorder" not in spec])
+@pytest.mark.parametrize("spec", [spec for spec in SPECS if "reorder" not in spec])
 @given(seed=seeds, stream=streams)
 def test_packets_keep_their_order_by_default(spec, seed, stream):
     emulator = make(spec, seed)
@@ -137,20 +136,10 @@ def test_packets_keep_their_order_by_default(spec, seed, stream):
 
 @given(seeds, streams)
 def test_keeping_the_order_means_waiting_for_earlier_packets(seed, stream):
-    free, kept = make("delay=1ms,jitter=normal:3ms,order=free", seed), make("delay=1ms,jitter=normal:3ms", seed)
-    send_all(free, stream)
-    send_all(kept, stream)
-    own_us = [due_us for due_us, _ in sorted(deliveries(free), key=lambda delivery: delivery[1])]
-    assert [due_us for due_us, _ in deliveries(kept)] == list(itertools.accumulate(own_us, max))
-
-
-def test_free_order_lets_packets_overtake_and_counts_them():
-    emulator = make("jitter=uniform:5ms,order=free")
-    send_all(emulator, [(1000, 20)] * 500)
-    numbers = [number for _, number in deliveries(emulator)]
-    late = sum(number < max(numbers[:index], default=-1) for index, number in enumerate(numbers))
-    assert late > 100
-    assert emulator.counters.reordered == late
+    emulator = make("delay=1ms,jitter=normal:3ms", seed)
+    jitter_us = emulator.settings.jitter.delays_us(np.random.default_rng(seed).spawn(4)[2])
+    own_us = [sent_us + 1000 + next(jitter_us) for sent_us, _ in send_all(emulator, stream)]
+    assert [due_us for due_us, _ in deliveries(emulator)] == list(itertools.accumulate(own_us, max))
 
 
 @given(seeds)

@@ -28,7 +28,7 @@ NETWORKS = [
     "delay=0ms",
     "delay=10ms",
     "delay=25ms,jitter=normal:5ms,loss=10%",
-    "delay=60ms,jitter=normal:20ms,order=free,duplicate=5%",
+    "delay=60ms,jitter=normal:20ms,reorder=5%,duplicate=5%",
 ]
 MASTERS = ["smallest", "raw", "deadband"]
 SLAVES = ["smallest", "hapticnet"]

@@ -82,7 +82,7 @@ def test_no_sample_is_felt_that_the_slave_had_no_chance_to_object_to(loopback, c
 
 @pytest.mark.parametrize(
     "network",
-    ["wifi", "satellite,loss=gilbert:0.02,0.2", "delay=20ms,jitter=normal:5ms,order=free,loss=10%,duplicate=5%"],
+    ["wifi", "satellite,loss=gilbert:0.02,0.2", "delay=20ms,jitter=normal:5ms,reorder=5%,loss=10%,duplicate=5%"],
 )
 def test_the_same_seed_gives_byte_identical_runs(loopback, network):
     assert digest(loopback(3, forward=network, feedback=network, device=True)) == digest(
@@ -221,7 +221,7 @@ def test_a_clock_that_jumps_costs_at_most_the_age_limit_of_feeling(loopback, jum
     assert (held_n[-1500:] == np.float32(true_n)).all()
 
 
-@pytest.mark.parametrize("network", ["perfect", "delay=30ms,jitter=uniform:10ms,order=free,loss=5%,duplicate=5%"])
+@pytest.mark.parametrize("network", ["perfect", "delay=30ms,jitter=uniform:10ms,reorder=5%,loss=5%,duplicate=5%"])
 def test_a_restarted_slave_is_found_within_a_second_and_its_old_forces_are_not_felt(loopback, network):
     link = loopback(9, forward=network, feedback=network, insertions=3)
     link.run(1_500_000)

@@ -351,7 +351,7 @@ def test_a_close_from_a_new_address_is_answered_there():
 
 
 @pytest.mark.plain
-@pytest.mark.parametrize("network", ["perfect", "delay=20ms,jitter=normal:5ms,order=free,loss=10%,duplicate=5%"])
+@pytest.mark.parametrize("network", ["perfect", "delay=20ms,jitter=normal:5ms,reorder=5%,loss=10%,duplicate=5%"])
 def test_a_long_session_changes_its_keys_many_times_and_every_datagram_opens(loopback, monkeypatch, network):
     monkeypatch.setattr(seal, "EPOCH_BITS", 6)
     link = loopback(2, forward=network, feedback=network, sealed=True, insertions=3)
