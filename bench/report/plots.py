@@ -119,31 +119,6 @@ def packet_rate(figure: Figure, results: Row) -> None:
     legend(right, errors)
 
 
-def scene_accuracy(figure: Figure, results: Row) -> None:
-    """Draw the error of the held force, the lateness of a breach, and cost over the rate of the scene."""
-    parts, panels = _side_by_side(figure, 3)
-    errors, late, cost = panels
-    laws = dict.fromkeys(row["law"] for row in results["forces"])
-    for law, colour, marker in zip(laws, (BLUE, ORANGE, GREEN), "os^", strict=True):
-        rows = [row for row in results["forces"] if row["law"] == law]
-        _line(errors, rows, "rate_hz", "max_held_n", colour, marker, label=f"{law}, largest")
-        _line(errors, rows, "rate_hz", "rmse_held_n", colour, marker, ":", label=f"{law}, RMSE")
-    errors.set_ylabel("error of the held force [N]")
-    rows = [row | {"period_ms": 1e3 / row["rate_hz"]} for row in results["breaches"]]
-    _line(late, rows, "rate_hz", "late_max_ms", BLUE, "o", label="largest")
-    _line(late, rows, "rate_hz", "late_mean_ms", BLUE, "o", ":", label="mean")
-    _line(late, rows, "rate_hz", "period_ms", GREY, "", label="one period")
-    late.set_ylabel("delay until a breach is noticed [ms]")
-    spent = [row | {"us": row["ns_per_second_best"] / 1e3} for row in results["cost"]]
-    _line(cost, spent, "rate_hz", "us", BLUE, "o", label="best of the repetitions")
-    cost.set_ylabel("time for a second of the paper's scene [µs]")
-    for part, axes in zip(parts, panels, strict=True):
-        axes.set_xscale("log")
-        axes.set_yscale("log")
-        axes.set_xlabel("rate of the scene [Hz]")
-        legend(part, axes, ncols=2)
-
-
 def force_loop(figure: Figure, results: Row) -> None:
     """Draw the step on each finger, and settling and ripple over the control rate."""
     (left, right), (steps, rates) = _side_by_side(figure, 2)
@@ -266,7 +241,6 @@ FIGURES: Final[tuple[tuple[str, Callable[[Figure, Row], None], tuple[float, floa
     ("rate_distortion", packets_against_error, (8.6, 5.0)),
     ("rate_distortion", other_signals, (16.0, 4.6)),
     ("packet_rate", packet_rate, (12.5, 5.8)),
-    ("scene_accuracy", scene_accuracy, (12.5, 5.0)),
     ("force_loop", force_loop, (12.5, 5.8)),
     ("repair", repair, (12.6, 4.8)),
     ("felt", felt, (12.9, 7.4)),
