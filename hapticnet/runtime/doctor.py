@@ -9,20 +9,17 @@ import socket
 import sys
 import tempfile
 import time
-from collections import Counter
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Mapping
 from enum import StrEnum
 from pathlib import Path
-from typing import Any, Final, NamedTuple, TypeAlias
+from typing import Any, Final, NamedTuple
 
-from hapticnet.errors import HapticnetError, UnavailableError
+from hapticnet.errors import UnavailableError
 from hapticnet.runtime.overload import LARGEST_MISSED_SHARE
 from hapticnet.runtime.processes import Child
 from hapticnet.runtime.system import FIFO_PRIORITY, loop_factory, policy
 from hapticnet.runtime.timer import Alarm
 from hapticnet.runtime.udp import RECEIVE_BUFFER_BYTES
-
-SCHEMA: Final = 3  # version of the JSON report. It grows when a key or a verdict changes its meaning or goes away
 
 TRIAL_S: Final = 3.0
 # A quarter of a tick, and a whole one, at the 99th percentile. On two shared cores (bench/measure/real_time.py) it is
@@ -51,38 +48,11 @@ class Step(NamedTuple):
 class Finding(NamedTuple):
     """One thing about this machine."""
 
-    id: str  # subject and name, such as timing.timer
-    title: str  # the same for a person
+    title: str
     verdict: Verdict
     value: str  # the value found
     meaning: str = ""  # its consequence; empty if there is none
     to_do: tuple[Step, ...] = ()  # the best remedy first
-    scale: str = ""  # limits of good and acceptable; empty if obvious
-
-    @property
-    def subject(self) -> str:
-        """The group of findings to which it belongs."""
-        return self.id.partition(".")[0]
-
-
-def count(findings: Iterable[Finding]) -> dict[Verdict, int]:
-    """Return the number of findings of each verdict."""
-    return dict.fromkeys(Verdict, 0) | Counter(finding.verdict for finding in findings)
-
-
-def as_json(findings: Sequence[Finding]) -> dict[str, Any]:
-    """Return all findings as a report for JSON; the keys of a finding are always the same."""
-    counts = count(findings)
-    return {
-        "schema": SCHEMA,
-        "ready": not counts[Verdict.PROBLEM],
-        "counts": counts,
-        "findings": [
-            finding._asdict()
-            | {"to_do": [{"text": step.text, "command": step.command or None} for step in finding.to_do]}
-            for finding in findings
-        ],
-    }
 
 
 def grade(value: float, good: float, acceptable: float) -> Verdict:
@@ -92,38 +62,10 @@ def grade(value: float, good: float, acceptable: float) -> Verdict:
     return Verdict.WARNING if value <= acceptable else Verdict.PROBLEM
 
 
-def duration(seconds: float) -> str:
-    """Return a duration [s] with three digits and its best unit."""
-    for unit, size in (("s", 1.0), ("ms", 1e-3), ("µs", 1e-6)):
-        if abs(seconds) >= size:
-            return f"{seconds / size:.3g} {unit}"
-    return f"{seconds * 1e9:.3g} ns"
-
-
-Probe: TypeAlias = tuple[str, Callable[[], list[Finding]]]  # a subject, and what examines it
-
-
-def probes() -> list[Probe]:
-    """Return the probes in the order of the report."""
+def examine() -> list[Finding]:
+    """Return what there is to say of this machine without a trial."""
     limits = resource.getrlimit(resource.RLIMIT_RTPRIO)
-    return [
-        ("timing", lambda: [judge_timer(), judge_scheduling(try_fifo(), limits)]),
-        ("processor", lambda: [_cpus()]),
-        ("network", lambda: [judge_buffer(granted_bytes())]),
-    ]
-
-
-def examine(chosen: Sequence[Probe], on_start: Callable[[str], None] = lambda _: None) -> Iterator[Finding]:
-    """Run probes and yield their findings; call `on_start` with each subject before its probes run."""
-    for subject, probe in chosen:
-        on_start(subject)
-        try:
-            yield from probe()
-        except (HapticnetError, OSError, ValueError) as error:
-            value = f"could not be completed: {error}"
-            yield Finding(
-                f"{subject}.probe", "Check-up", Verdict.WARNING, value, "The rest of this subject is unknown."
-            )
+    return [judge_timer(), judge_scheduling(try_fifo(), limits), _cpus(), judge_buffer(granted_bytes())]
 
 
 def judge_timer() -> Finding:
@@ -132,14 +74,13 @@ def judge_timer() -> Finding:
     async def create() -> None:
         Alarm(asyncio.get_running_loop(), lambda: None).stop()
 
-    named = "timing.timer", "Timer"
     try:
         with asyncio.Runner(loop_factory=loop_factory()) as runner:
             runner.run(create())
     except UnavailableError as error:
         meaning = "Slave and master cannot run in real time here; virtual time and recordings still work."
-        return Finding(*named, Verdict.PROBLEM, str(error), meaning, (Step("Use a machine with Linux."),))
-    return Finding(*named, Verdict.OK, f"timerfd, resolution {duration(time.clock_getres(time.CLOCK_MONOTONIC))}")
+        return Finding("Timer", Verdict.PROBLEM, str(error), meaning, (Step("Use a machine with Linux."),))
+    return Finding("Timer", Verdict.OK, f"timerfd, resolution {1e9 * time.clock_getres(time.CLOCK_MONOTONIC):.3g} ns")
 
 
 def try_fifo() -> str | None:
@@ -157,12 +98,12 @@ def try_fifo() -> str | None:
 
 def judge_scheduling(refusal: str | None, limits: tuple[float, float]) -> Finding:
     """Judge the scheduling class by why SCHED_FIFO is refused, and by the soft and hard limit of priorities."""
-    named = "timing.scheduling", "Scheduling class"
+    title = "Scheduling class"
     if refusal is None:
-        return Finding(*named, Verdict.OK, f"SCHED_FIFO {FIFO_PRIORITY} is granted")
+        return Finding(title, Verdict.OK, f"SCHED_FIFO {FIFO_PRIORITY} is granted")
     value = f"SCHED_FIFO is refused: {refusal}"
     meaning = "Slave and master wait for other programs: on a busy machine, ticks are late or missed."
-    return Finding(*named, Verdict.WARNING, value, meaning, _how_to_grant(*limits))
+    return Finding(title, Verdict.WARNING, value, meaning, _how_to_grant(*limits))
 
 
 def _how_to_grant(soft: float, hard: float) -> tuple[Step, ...]:
@@ -191,14 +132,13 @@ def _cpus() -> Finding:
 
 def judge_cpus(usable: int, total: int) -> Finding:
     """Judge how many of the CPUs this process may use."""
-    named = "processor.count", "CPUs"
     value = str(usable) if usable == total else f"{usable} of {total} may be used"
     if usable > 1:
-        return Finding(*named, Verdict.OK, value)
+        return Finding("CPUs", Verdict.OK, value)
     step = Step("Give the machine or container two.")
     if total > usable:
         step = Step("Give hapticnet more CPUs:", f"taskset -c 0-{total - 1} hapticnet …")
-    return Finding(*named, Verdict.WARNING, value, "Ticks wait for everything else that runs on the only CPU.", (step,))
+    return Finding("CPUs", Verdict.WARNING, value, "Ticks wait for everything else that runs on the only CPU.", (step,))
 
 
 def granted_bytes() -> int:
@@ -210,16 +150,16 @@ def granted_bytes() -> int:
 
 def judge_buffer(granted: int) -> Finding:
     """Judge the receive buffer by what was granted [B]."""
-    named, asked = ("network.receive_buffer", "Receive buffer"), RECEIVE_BUFFER_BYTES
+    title, asked = "Receive buffer", RECEIVE_BUFFER_BYTES
     if granted >= asked:
-        return Finding(*named, Verdict.OK, f"{granted // 1024} KiB, as asked for")
+        return Finding(title, Verdict.OK, f"{granted // 1024} KiB, as asked for")
     value, setting = f"{granted // 1024} of the {asked // 1024} KiB asked for", f"net.core.rmem_max={asked}"
     meaning = "A slave with many masters that stands still for a moment loses datagrams."
     steps = (
         Step("Raise the limit, in a container that of its host, until the next boot:", f"sudo sysctl -w {setting}"),
         Step("And for good:", f"echo {setting} | sudo tee /etc/sysctl.d/90-hapticnet.conf"),
     )
-    return Finding(*named, Verdict.WARNING, value, meaning, steps)
+    return Finding(title, Verdict.WARNING, value, meaning, steps)
 
 
 def examine_trial() -> list[Finding]:
@@ -258,28 +198,23 @@ def judge_trial(report: Mapping[str, Any]) -> list[Finding]:
     permit = Step("Permit SCHED_FIFO, see scheduling class above: ticks then do not wait for others.")
     steps = (busy,) if scheduling.startswith("SCHED_FIFO") else (permit, busy)
 
-    def finding(
-        name: str, title: str, measured: float, limits: tuple[float, float], value: str, meaning: str, scale: str
-    ) -> Finding:
-        found = Finding(f"measured.{name}", title, grade(measured, *limits), value, scale=f"good: {scale}")
+    def finding(title: str, measured: float, limits: tuple[float, float], value: str, meaning: str) -> Finding:
+        found = Finding(title, grade(measured, *limits), value)
         return found if found.verdict is Verdict.OK else found._replace(meaning=meaning, to_do=steps)
 
     return [
         finding(
-            "round_trip", "Round trip", round_trip["p99_us"], ROUND_TRIP_US, _percentiles(round_trip),
+            "Round trip", round_trip["p99_us"], ROUND_TRIP_US, _percentiles(round_trip),
             "Even without a network, the force for a position comes after the next positions.",
-            "p99 up to 1 ms, before the next position; acceptable: 5 ms",
         ),
         finding(
-            "lateness", "Tick lateness", lateness["p99_us"], LATE_US, f"{_percentiles(lateness)}, {scheduling}",
+            "Tick lateness", lateness["p99_us"], LATE_US, f"{_percentiles(lateness)}, {scheduling}",
             "Positions are sampled late, and the force loop of the fingertip device runs unevenly.",
-            "p99 up to 250 µs, a quarter of a tick; acceptable: 1 ms",
         ),
         finding(
-            "missed_ticks", "Missed ticks", missed / max(due, 1), MISSED,
+            "Missed ticks", missed / max(due, 1), MISSED,
             f"{missed} of {due} ({missed / max(due, 1):.2%})",
             "In a missed tick no position is sent, and the platform at the finger does not move.",
-            "up to 1%; acceptable: 5%",
         ),
     ]  # fmt: skip
 
@@ -289,8 +224,8 @@ def judge_failure(reason: str) -> Finding:
     meaning = "Unless the reason lies in this trial, a session between two hosts fails in the same way."
     step = Step("See the slave's messages:", "hapticnet slave --listen 127.0.0.1:0 --duration 5")
     value = f"no session over loopback: {reason}"
-    return Finding("measured.trial", "Slave and master", Verdict.PROBLEM, value, meaning, (step,))
+    return Finding("Slave and master", Verdict.PROBLEM, value, meaning, (step,))
 
 
 def _percentiles(measured: Mapping[str, float]) -> str:
-    return f"p50 {duration(measured['p50_us'] / 1e6)}, p99 {duration(measured['p99_us'] / 1e6)}"
+    return f"p50 {measured['p50_us'] / 1000.0:.3g} ms, p99 {measured['p99_us'] / 1000.0:.3g} ms"
