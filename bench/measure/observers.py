@@ -11,7 +11,6 @@ import argparse
 import dataclasses
 import json
 import math
-from functools import partial
 from itertools import permutations
 from pathlib import Path
 from typing import Any, Final, NamedTuple
@@ -23,12 +22,11 @@ from hapticnet.experiment.provenance import provenance
 from hapticnet.experiment.style import COLOURS, DASHES, MARKERS, VERMILION, legend, mark_level, picture
 from hapticnet.experiment.workers import workers
 from hapticnet.perception import WeberLaw
-from hapticnet.study import trial
 from hapticnet.study.analysis import PAPER_ERRORS
-from hapticnet.study.observers import CUE_FIELDS, OBSERVERS, Look, Observer, ObserverSettings, contacts, judged
+from hapticnet.study.observers import OBSERVERS, Look, Observer, ObserverSettings, contacts, judged
 from hapticnet.study.plan import ConditionPlan, JndPlan, Plan
-from hapticnet.study.rig import MakeHand, play_trial
-from hapticnet.study.trial import Stimulus, stimulus_of
+from hapticnet.study.rig import play_trial
+from hapticnet.study.trial import stimulus_of
 
 PAPER: Final = {0.0: 0.775, 1.0: 0.8, 2.0: 0.675, 4.0: 0.5375}
 THRESHOLDS: Final = (0.0, 1.0, 1.5, 2.0, 2.5, 3.0, 3.5, 4.0, 8.0)
@@ -37,7 +35,6 @@ FIXED_STEPS_N: Final = (0.0, 0.4, 0.8)
 NEWTON: Final = JndPlan(weber_fraction=0.0, floor_n=1.0)
 LINEAR: Final = Plan(condition=[ConditionPlan(name="linear, 4 JND", codec="linear-predictive", multiplier=4.0)])
 """A threshold of 4 JND that is never felt as steps: between updates a line is followed."""
-PUSHES_S: Final = (1.1, 0.7, 0.45)
 PEOPLE: Final = 8
 TRIALS: Final = 10
 FATIGUE: Final = 1.75
@@ -61,9 +58,7 @@ class Felt(NamedTuple):
     bytes_per_penetration: float  # mean, from the touch of a tissue to its breach
 
 
-def play_library(
-    plan: Plan, *, motions: int, jobs: int, seed: int = 1, make_hand: MakeHand = trial.scripted_hand
-) -> list[Felt]:
+def play_library(plan: Plan, *, motions: int, jobs: int, seed: int = 1) -> list[Felt]:
     """Play every order of the tissues under every condition of a plan, with several motions of the hand each."""
     orders = list(permutations(plan.order.breach_forces_n))
     tasks = [
@@ -72,18 +67,18 @@ def play_library(
         for order, forces_n in enumerate(orders)
         for motion in range(motions)
     ]
-    with workers(jobs, (plan, make_hand)) as run:
+    with workers(jobs, plan) as run:
         played = list(run(_play, tasks))
     own = len(orders) * motions
     return [_felt(condition, played[i * own : (i + 1) * own]) for i, condition in enumerate(plan.condition)]
 
 
-def _play(shared: tuple[Plan, MakeHand], task: tuple[ConditionPlan, Any, int]) -> tuple[list[list[Look]], float]:
+def _play(plan: Plan, task: tuple[ConditionPlan, Any, int]) -> tuple[list[list[Look]], float]:
     """Return the contacts with each tissue, softest first, and the bytes per penetration."""
-    (plan, make_hand), (condition, forces_n, seed) = shared, task
+    condition, forces_n, seed = task
     law = WeberLaw(weber_fraction=plan.jnd.weber_fraction, floor_n=plan.jnd.floor_n)
     stimulus = stimulus_of(plan, condition, law, number=1, breach_forces_n=forces_n, seed=seed)
-    outcome = play_trial(stimulus, make_hand=make_hand)
+    outcome = play_trial(stimulus)
     looks, softest = contacts(outcome), sorted(range(3), key=forces_n.__getitem__)
     ranked = [[look for look in looks if look.tissue == tissue] for tissue in softest]
     return ranked, outcome.measures.penetration_bytes / max(outcome.measures.penetrations, 1)
@@ -110,12 +105,6 @@ def plan_of(thresholds: tuple[float, ...], unit: str = "JND", jnd: JndPlan | Non
     return Plan(condition=conditions, jnd=jnd or JndPlan())
 
 
-def quick_hand(stimulus: Stimulus, push_s: float) -> Any:
-    """Return a hand with pushes of this duration; see `trial.scripted_hand`."""
-    trial.PUSH_S = push_s  # type: ignore[misc]  # each process plays one trial at a time
-    return trial.scripted_hand(stimulus)
-
-
 def answered(
     observer: ObserverSettings, felt: Felt, rng: np.random.Generator, experiments: int, factor: FloatArray | float = 1.0
 ) -> "np.ndarray[tuple[int, ...], np.dtype[np.int64]]":
@@ -123,8 +112,8 @@ def answered(
     people = np.exp(rng.normal(0.0, observer.spread, (experiments * PEOPLE, 1)))
     noisier = np.repeat(people, TRIALS, axis=0) * factor
     drawn = rng.integers(len(felt.counts), size=len(noisier))
-    cues, updates, steps = (felt.means[name][drawn] for name in (CUE_FIELDS[observer.cue], "updates", "step"))
-    return judged(observer, cues, updates, steps, felt.counts[drawn], rng, factor=noisier)
+    peaks_n, updates, steps = (felt.means[name][drawn] for name in ("peak_n", "updates", "step"))
+    return judged(observer, peaks_n, updates, steps, felt.counts[drawn], rng, factor=noisier)
 
 
 def figures(orders: Any, experiments: int) -> dict[str, Any]:
@@ -180,7 +169,6 @@ def felt_row(felt: Felt) -> dict[str, Any]:
         "condition": felt.condition,
         "peaks_n": peaks.mean(axis=0).round(3).tolist(),
         "sd_of_ln": np.log(peaks).std(axis=0).round(4).tolist(),
-        "slopes_n_per_m": felt.means["slope_n_per_m"].mean(axis=0).round(1).tolist(),
         "updates": felt.means["updates"].mean(axis=0).round(1).tolist(),
         "step": round(float(felt.means["step"].mean()), 4),
         "bytes": round(felt.bytes_per_penetration, 1),
@@ -196,31 +184,22 @@ def main() -> None:
     parser.add_argument("--out", type=Path, default=Path("results/observers"))
     arguments = parser.parse_args()
     arguments.out.mkdir(parents=True, exist_ok=True)
-    play = partial(play_library, motions=arguments.motions, jobs=arguments.jobs)
+
+    def play(plan: Plan) -> list[Felt]:
+        return play_library(plan, motions=arguments.motions, jobs=arguments.jobs)
+
     library = play(plan_of(THRESHOLDS))
     of_paper = [felt for felt in library if felt.multiplier in PAPER]
+    unfitted = {name: OBSERVERS[name] for name in ("literature", "force-only")}
     middle = [felt for felt in library if felt.multiplier in (0.0, 4.0)]
-    cues = {
-        f"literature, cue {cue}": dataclasses.replace(OBSERVERS["literature"], cue=cue)
-        for cue in ("peak", "slope", "early", "work", "updates")
-    }
     result: dict[str, Any] = {
         "provenance": provenance(),
         "motions": arguments.motions,
         "felt": [felt_row(felt) for felt in library],
-        "observers": measured(of_paper, {**cues, "force-only": OBSERVERS["force-only"]}, arguments.experiments),
+        "observers": measured(of_paper, unfitted, arguments.experiments),
         "mechanisms": measured(library, MECHANISMS, arguments.experiments),
         "fixed_steps": measured(play(plan_of(FIXED_STEPS_N, "N", NEWTON)), MECHANISMS, arguments.experiments),
         "linear": measured(play(LINEAR), MECHANISMS, arguments.experiments),
-        "pushes": [
-            {"push_s": push_s, **row}
-            for push_s in PUSHES_S
-            for row in measured(
-                play(plan_of((0.0, 4.0)), make_hand=partial(quick_hand, push_s=push_s)),
-                {"force-only": OBSERVERS["force-only"], "fitted": OBSERVERS["fitted"]},
-                arguments.experiments,
-            )
-        ],
         "limits": limits_rows(OBSERVERS["literature"]),
         "fatigue": [
             {
@@ -240,9 +219,9 @@ def main() -> None:
 
 def tables(result: dict[str, Any]) -> list[str]:
     """Return every table as lines of Markdown."""
-    lines = ["| | felt peaks [N] | sd of ln | slopes [N/m] | updates a contact | step |", "|---|---|---|---|---|---|"]
+    lines = ["| | felt peaks [N] | sd of ln | updates a contact | step |", "|---|---|---|---|---|"]
     for row in result["felt"]:
-        cells = [" ".join(map(str, row[key])) for key in ("peaks_n", "sd_of_ln", "slopes_n_per_m", "updates")]
+        cells = [" ".join(map(str, row[key])) for key in ("peaks_n", "sd_of_ln", "updates")]
         lines.append(f"| {row['condition']} | {' | '.join(cells)} | {row['step']:.3f} |")
     for key in ("observers", "mechanisms", "fixed_steps", "linear"):
         conditions = list(dict.fromkeys(row["condition"] for row in result[key]))
@@ -258,9 +237,6 @@ def tables(result: dict[str, Any]) -> list[str]:
         for row in [*result["mechanisms"], fatigued]
         if row["threshold"] == 4.0
     ]
-    lines += ["", "pushes", "", "| push [s] | observer | condition | correct |", "|---|---|---|---|"]
-    for row in result["pushes"]:
-        lines.append(f"| {row['push_s']} | {row['observer']} | {row['condition']} | {100 * row['correct']:.1f} |")
     lines += ["", "ascending limits: criterion, step, Weber fraction", ""]
     lines += [
         f"- {row['criterion']}, {100 * row['step']:.1f} %: {row['weber_fraction']:.3f}" for row in result["limits"]

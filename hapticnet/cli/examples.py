@@ -73,10 +73,6 @@ EXAMPLES: Final[dict[tuple[str, ...], tuple[str, ...]]] = {
     ),
     ("experiment", "texts"): ("hapticnet experiment texts >my-texts.toml",),
     ("experiment", "analyse"): ("hapticnet experiment analyse study --no-plots",),
-    ("experiment", "power"): (
-        "hapticnet experiment power paper --participants 8,16,24 --trials 10,20",
-        "hapticnet experiment power my.toml --shares 0.775,0.675",
-    ),
     ("scene", "show"): ("hapticnet scene show paper:1", "hapticnet scene show my.toml --json"),
     ("device", "find"): ("hapticnet device find",),
     ("device", "info"): ("hapticnet device info serial:auto",),

@@ -162,8 +162,8 @@ GROUPS: Final[dict[str, tuple[str, ...]]] = {
         "missing", "max-size",
     ),
     "Study": (
-        "participant", "session", "plan", "simulate", "wall-clock", "resume", "analyse", "shares", "participants",
-        "trials", "experiments", "margin", "repeats", "shard", "dry-run",
+        "participant", "session", "plan", "simulate", "wall-clock", "resume", "analyse", "repeats",
+        "shard", "dry-run",
     ),
     "Recording": ("record", "record-dir", "record-format", "record-limit"),
     "Page and monitoring": ("page", "metrics"),

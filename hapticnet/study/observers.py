@@ -4,12 +4,11 @@ An observer decides from what reaches the finger: the forces of two stimuli, or 
 (`Look`). `ObserverSettings` has the sources, docs/understand/observers.md says what observers can show.
 """
 
-import dataclasses
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from statistics import NormalDist, fmean
-from typing import Final, Literal, TypeAlias, get_args
+from typing import Final, Literal, TypeAlias
 
 import numpy as np
 
@@ -18,20 +17,11 @@ from hapticnet.checks import check_parameter, meant
 from hapticnet.errors import SettingsError
 from hapticnet.study.trial import Played
 
-Cue: TypeAlias = Literal["peak", "slope", "early", "work", "updates"]
 Answering: TypeAlias = Literal["", "same", "never"]
-
-CUE_FIELDS: Final[Mapping[Cue, str]] = {
-    "peak": "peak_n",
-    "slope": "slope_n_per_m",
-    "early": "early_n",
-    "work": "work_j",
-    "updates": "updates",
-}
 
 # A JND is the difference recognised in 75 % of forced choices: 0.954 standard deviations of one judgement.
 SIGMAS_PER_JND: Final = NormalDist().inv_cdf(0.75) * math.sqrt(2.0)
-LEAST_FORCE_N: Final = 0.01  # smaller cues are raised to this before the logarithm: a tissue hardly felt is very soft
+LEAST_FORCE_N: Final = 0.01  # smaller peaks are raised to this before the logarithm: a tissue hardly felt is very soft
 RATING_SD: Final = 0.7
 RESPONSE_SPREAD: Final = 0.4
 
@@ -40,7 +30,6 @@ LARGEST: Final = {  # largest value of each parameter
     "step_masking": 100.0, "step_lapses": 100.0, "rhythm": 100.0, "annoyance": 10.0, "response_s": 1000.0,
 }  # fmt: skip
 
-EARLY_M: Final = 3e-3  # indentation [m] over which the early force is averaged
 LEAST_DEPTH_M: Final = 1e-3  # a contact with less indentation [m] does not count: tremor grazes a surface
 STEP_FROM_N: Final = 0.3  # held force [N] above which steps are measured; below it the threshold's floor enlarges them
 
@@ -50,10 +39,8 @@ class Look:
     """Cues from one contact with one tissue."""
 
     tissue: int  # number from front to back, from 0
-    peak_n: float  # largest felt force
-    slope_n_per_m: float  # slope of the felt force against position while the tip goes in
-    early_n: float  # mean felt force over the first `EARLY_M`
-    work_j: float  # felt force times the distance in
+    # Largest felt force. People order by it: Fu, van Paassen & Mulder 2017; Tan, Durlach, Beauregard & Srinivasan 1995.
+    peak_n: float
     updates: int  # changes of the held force
     step: float  # median of |ln(after / before)| of the held force over updates; 0 without one
 
@@ -63,8 +50,6 @@ class ObserverSettings:
     """Perception of an observer. JNDs are relative differences recognised in 75 % of forced choices."""
 
     name: str = "literature"  # in tables and reports
-    # People order by terminal force: Fu, van Paassen & Mulder 2017; Tan, Durlach, Beauregard & Srinivasan 1995.
-    cue: Cue = "peak"
     # Of one force: Pang, Tan & Durlach 1991, active pinch, 2.5-10 N. About 10 % at the index finger at 2-5 N.
     force_jnd: float = 0.07
     # Noise [N] of a felt force as the force vanishes, an assumption: JNDs are 15-27 % below 0.5 N (quoted
@@ -86,12 +71,8 @@ class ObserverSettings:
     answering: Answering = ""  # "same": always that answer; "never": never "different". For tests of the procedures
 
     def __post_init__(self) -> None:
-        where = f"observer {self.name!r}:"
-        for name, choices in (("cue", get_args(Cue)), ("answering", get_args(Answering))):
-            if getattr(self, name) not in choices:
-                raise SettingsError(f"{where} {name} is {getattr(self, name)!r}; choose from {', '.join(choices)}")
         for name, largest in LARGEST.items():
-            check_parameter(f"{where} {name}", getattr(self, name), 0.0, largest)
+            check_parameter(f"observer {self.name!r}: {name}", getattr(self, name), 0.0, largest)
 
     @property
     def force_sigma(self) -> float:
@@ -122,7 +103,7 @@ class ObserverSettings:
         )
 
 
-FITTED_STIFFNESS_JND: Final = 0.255  # this value gives the paper's 77.5 % without compression, with the peak cue
+FITTED_STIFFNESS_JND: Final = 0.255  # this value gives the paper's 77.5 % without compression
 OBSERVERS: Final[Mapping[str, ObserverSettings]] = {
     each.name: each
     for each in (
@@ -145,23 +126,22 @@ fitted to the paper's results at 2 and 4 JND, so they predict nothing about them
 
 
 def parse_observer(text: str) -> ObserverSettings:
-    """Return the observer written as ``NAME[:KEY=VALUE,…]``, such as ``literature:force_jnd=0.1,cue=slope``.
+    """Return the observer written as ``NAME[:KEY=VALUE,…]``, such as ``literature:force_jnd=0.1``.
 
     Raise SettingsError if there is no such observer or parameter, or a value is out of range.
     """
     name, _, given = text.partition(":")
     if name not in OBSERVERS:
         raise SettingsError(f"unknown observer {name!r}{meant(name, OBSERVERS)}; there are: {', '.join(OBSERVERS)}")
-    fields = {field.name: field.type for field in dataclasses.fields(ObserverSettings) if field.name != "name"}
-    values: dict[str, str | float] = {}
+    values: dict[str, float] = {}
     for part in filter(None, given.split(",")):
         key, equals, value = part.partition("=")
-        if not equals or key not in fields:
+        if not equals or key not in LARGEST:
             raise SettingsError(
-                f"observer {name!r} has no parameter {key!r}{meant(key, fields)}; it has: {', '.join(fields)}"
+                f"observer {name!r} has no parameter {key!r}{meant(key, LARGEST)}; it has: {', '.join(LARGEST)}"
             )
         try:
-            values[key] = float(value) if fields[key] is float else value
+            values[key] = float(value)
         except ValueError:
             raise SettingsError(f"observer {name!r}: {key} is {value!r}; it must be a number") from None
     settings = replace(OBSERVERS[name], **values)  # type: ignore[arg-type]
@@ -210,16 +190,15 @@ class Observer:
         """
         if self.settings.answering:
             return tuple(range(tissues))
-        cue = CUE_FIELDS[self.settings.cue]
-        # One row for each tissue: cue, updates, step, contacts.
+        # One row for each tissue: peak, updates, step, contacts.
         felt = np.tile([LEAST_FORCE_N, 0.0, 0.0, 1.0], (tissues, 1))
         for tissue in range(tissues):
             own = [look for look in contacts if look.tissue == tissue]
             if own:
-                means = [fmean(max(getattr(look, cue), 1e-6) for look in own), fmean(look.updates for look in own)]
+                means = [fmean(max(look.peak_n, 1e-6) for look in own), fmean(look.updates for look in own)]
                 felt[tissue] = *means, fmean(look.step for look in own), len(own)
-        cues, updates, steps, counts = felt.T[:, None, :]
-        return tuple(judged(self.settings, cues, updates, steps, counts, self._rng)[0].tolist())
+        peaks_n, updates, steps, counts = felt.T[:, None, :]
+        return tuple(judged(self.settings, peaks_n, updates, steps, counts, self._rng)[0].tolist())
 
     def rate(self, contacts: Sequence[Look]) -> int:
         """Return the quality of experience of a block, from 1 (bad) to 7 (excellent); worse with larger steps."""
@@ -242,7 +221,7 @@ class Observer:
 
 def judged(
     settings: ObserverSettings,
-    cues: FloatArray,
+    peaks_n: FloatArray,
     updates: FloatArray,
     steps: FloatArray,
     counts: FloatArray,
@@ -252,23 +231,23 @@ def judged(
 ) -> "np.ndarray[tuple[int, ...], np.dtype[np.int64]]":
     """Return an observer's answers in many trials, from softest to hardest, shape (n, tissues).
 
-    `cues`, `updates`, `steps` and `counts` of contacts belong to each trial and tissue, shape (n, tissues); `factor`,
-    shape (n, 1), scales the noise of each trial's observer.
+    `peaks_n`, `updates`, `steps` and `counts` of contacts belong to each trial and tissue, shape (n, tissues);
+    `factor`, shape (n, 1), scales the noise of each trial's observer.
     """
-    trials = len(cues)
+    trials = len(peaks_n)
     step = steps.mean(axis=1, keepdims=True)
     sigma = factor * np.sqrt(
         settings.force_sigma**2 / np.maximum(counts, 1.0)
         + settings.memory_sigma**2
         + (settings.step_masking * steps) ** 2
     )
-    felt = np.log(np.maximum(cues, 1e-6))
+    felt = np.log(np.maximum(peaks_n, 1e-6))
     if settings.rhythm:
         by_rhythm = rng.random((trials, 1)) < settings.rhythm * step
         felt = np.where(by_rhythm, np.log(np.maximum(updates, 0.5)), felt)
-    felt = felt + sigma * rng.standard_normal(cues.shape)
+    felt = felt + sigma * rng.standard_normal(peaks_n.shape)
     guesses = rng.random((trials, 1)) < np.minimum(settings.lapse + settings.step_lapses * step, 1.0)
-    felt = np.where(guesses, rng.random(cues.shape), felt)
+    felt = np.where(guesses, rng.random(peaks_n.shape), felt)
     return np.argsort(felt, axis=1)
 
 
@@ -299,18 +278,11 @@ def contacts(played: Played) -> list[Look]:
 def _look(tissue: int, depth_m: FloatArray, held_n: FloatArray, felt_n: FloatArray, breach_m: float) -> Look:
     through = np.flatnonzero(depth_m > breach_m)
     end = int(through[0]) if len(through) else len(depth_m)
-    going_in = slice(0, max(int(depth_m[:end].argmax()) + 1 if end else 0, 2))
-    depth, felt = depth_m[going_in], felt_n[going_in]
-    spread = depth - depth.mean()
-    early = depth <= EARLY_M
     steps = np.abs(np.diff(np.log(held_n[:end][held_n[:end] > STEP_FROM_N])))
     steps = steps[steps > 0.0]
     return Look(
         tissue=tissue,
         peak_n=float(felt_n.max()),
-        slope_n_per_m=float(spread @ felt / max(spread @ spread, 1e-18)),
-        early_n=float(felt[early].mean()) if early.any() else 0.0,
-        work_j=float(np.sum(0.5 * (felt[1:] + felt[:-1]) * np.diff(depth))),
         updates=int(np.count_nonzero(np.diff(held_n[:end]))),
         step=float(np.median(steps)) if len(steps) else 0.0,
     )

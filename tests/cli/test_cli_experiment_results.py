@@ -156,33 +156,3 @@ def test_little_data_give_an_honest_report_with_its_pictures(run, tmp_path, made
     assert done.returncode == 0
     assert " nan" not in done.stdout
     assert (tmp_path / "study" / "results" / "correct-orders.png").exists()
-
-
-def test_power_assumes_the_paper_s_shares_and_asks_for_those_of_other_conditions(run, tmp_path):
-    options = ("--participants", "16", "--experiments", "100")
-    done = run("experiment", "power", "reachable", *options)
-    assert done.stdout.startswith("SIMULATED, assumed shares 0.775,0.8,0.675,0.5375")
-    plan = tmp_path / "my.toml"
-    plan.write_text('[[condition]]\nname = "none"\ncodec = "raw"\n[[condition]]\nname = "3 JND"\nmultiplier = 3.0\n')
-    told = "condition '3 JND' is not in the paper", "--shares 0.775,0.675"
-    assert_only_line(run("experiment", "power", plan, *options), *told, code=2)
-    done = run("experiment", "power", plan, "--shares", "0.775,0.675", *options, "--json")
-    assert [each["condition"] for each in json.loads(done.stdout)["designs"]] == ["none", "3 JND"]
-
-
-def test_power_of_answers_without_an_effect_says_that_no_number_of_participants_finds_one(run):
-    options = ("--participants", "8", "--experiments", "100")
-    done = run("experiment", "power", "--shares", "0.775,0.775,0.775,0.775", *options)
-    assert "no number of participants finds a difference" in done.stdout
-    assert "no number" not in run("experiment", "power", *options).stdout
-
-
-@pytest.mark.parametrize(
-    ("options", "told"),
-    [
-        (("--shares", "0.7,0.7,0.7,0.7", "--participants", "many"), "participants 'many' must be whole numbers"),
-        (("absent.toml",), "absent.toml"),
-    ],
-)
-def test_a_design_that_cannot_be_is_one_line(run, options, told):
-    assert_only_line(run("experiment", "power", *options), told)

@@ -16,9 +16,6 @@ def look(tissue: int, peak_n: float, step: float = 0.0, updates: int = 10) -> Lo
     return Look(
         tissue=tissue,
         peak_n=peak_n,
-        slope_n_per_m=100 * peak_n,
-        early_n=0.3 * peak_n,
-        work_j=0.005 * peak_n,
         updates=updates,
         step=step,
     )

@@ -50,8 +50,8 @@ def test_nothing_fitted_to_the_paper_is_on_unless_asked_for_and_titles_say_so():
 
 
 def test_an_observer_is_named_by_all_that_was_changed():
-    changed = parse_observer("literature:force_jnd=0.1,cue=slope")
-    assert (changed.name, changed.force_jnd, changed.cue) == ("literature:force_jnd=0.1,cue=slope", 0.1, "slope")
+    changed = parse_observer("literature:force_jnd=0.1,lapse=0.05")
+    assert (changed.name, changed.force_jnd, changed.lapse) == ("literature:force_jnd=0.1,lapse=0.05", 0.1, 0.05)
     assert parse_observer("fitted").name == "fitted"
 
 
@@ -62,7 +62,6 @@ def test_an_observer_is_named_by_all_that_was_changed():
         ("literature:force_jn=1", "has no parameter 'force_jn' (did you mean 'force_jnd'?)"),
         ("literature:force_jnd=much", "force_jnd is 'much'; it must be a number"),
         ("literature:force_jnd=-1", "force_jnd"),
-        ("literature:cue=smell", "cue is 'smell'; choose from peak, slope"),
         ("literature:lapse=nan", "lapse"),
         ("literature:lapse", "has no parameter 'lapse'"),
     ],
@@ -132,12 +131,6 @@ def test_more_contacts_help_against_the_noise_of_force_but_not_of_memory():
     force, memory = (dataclasses.replace(EXACT, **{name: 0.4}) for name in ("force_jnd", "stiffness_jnd"))
     assert share_right(force, contacts=8.0) > share_right(force, contacts=1.0) + 0.2
     assert share_right(memory, contacts=8.0) == share_right(memory, contacts=1.0)
-
-
-def test_an_observer_goes_by_the_chosen_cue():
-    contacts = [look(0, 3.0), dataclasses.replace(look(1, 2.0), slope_n_per_m=900.0), look(2, 4.0)]
-    assert observer(cue="peak").order(contacts) == (1, 0, 2)
-    assert observer(cue="slope").order(contacts) == (0, 2, 1)
 
 
 def test_contacts_with_one_tissue_are_averaged_and_an_untouched_one_is_the_softest():

@@ -9,7 +9,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import stats
 
-from hapticnet.study.power import ShareAnswers
 from hapticnet.study.statistics import (
     chance_variance,
     equivalence,
@@ -96,13 +95,14 @@ def test_the_interval_of_differences_covers_the_true_one_for_scores_near_1():
 @pytest.mark.parametrize("share", [0.54, 0.775, 0.97])
 def test_the_interval_of_a_share_covers_it_where_participants_differ(share):
     rng = np.random.default_rng(5)
-    answers = ShareAnswers(("a",), (share,), 0.7)
+    own = rng.normal(math.log(share / (1.0 - share)), 0.7, (300, 16))
+    chances = 1.0 / (1.0 + np.exp(-own))
     inside = over_trials = 0
-    for scores in answers.scores(300, 16, 20, rng)[:, :, 0]:
+    for scores in rng.binomial(20, chances) / 20:
         right = round(20 * scores.sum())
         low, high = share_interval(right, 320, scores)
-        inside += low <= share <= high
-        over_trials += wilson(right / 320, 320)[0] <= share <= wilson(right / 320, 320)[1]
+        inside += low <= chances.mean() <= high
+        over_trials += wilson(right / 320, 320)[0] <= chances.mean() <= wilson(right / 320, 320)[1]
     assert inside >= 0.92 * 300
     assert over_trials < inside
 

@@ -1,19 +1,15 @@
-"""``hapticnet experiment`` without a participant: analyse data, simulate the power of a study, print texts."""
+"""``hapticnet experiment`` without a participant: analyse data, print texts."""
 
 import json as json_module
 import math
 from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Final, TypeVar
+from typing import Annotated, Final
 
 import typer
 
 from hapticnet import options
 
-if TYPE_CHECKING:
-    from hapticnet.study.plan import Plan
-
-Number = TypeVar("Number", int, float)
 FILES: Final = ("report.md", "conditions.csv", "results.json")
 
 
@@ -101,89 +97,6 @@ def _plain(value: object) -> object:
     if isinstance(value, (list, tuple)):
         return [_plain(each) for each in value]
     return None if isinstance(value, float) and not math.isfinite(value) else value
-
-
-def power(
-    plan: Annotated[str, typer.Argument(metavar="PLAN", help="Plan: paper, reachable or a TOML file.")] = "paper",
-    shares: Annotated[
-        str | None,
-        typer.Option(
-            metavar="S[,S…]",
-            show_default="the paper's, for a plan with its conditions",
-            help="Shares of correct orders that you expect, one for each condition, such as 0.775,0.8,0.675,0.5375.",
-        ),
-    ] = None,
-    participants: Annotated[str, typer.Option(metavar="N[,N…]", help="Numbers of participants.")] = "8,16,24",
-    trials: Annotated[
-        str | None, typer.Option(metavar="N[,N…]", help="Trials of each condition; default: the plan's.")
-    ] = None,
-    experiments: Annotated[int, typer.Option(metavar="N", help="Simulated experiments of each design.")] = 1000,
-    margin: Annotated[float | None, typer.Option(help="Margin of equivalence; default: the plan's.")] = None,
-    seed: options.Seed = 1,
-    json: options.Json = False,
-) -> None:
-    """Simulate experiments: power of the tests, and widths of the intervals. No person takes part.
-
-    The effect is assumed: a study is large enough if it finds the smallest fall in correct orders that matters to you.
-    """
-    from dataclasses import asdict
-
-    from hapticnet.cli.console import Console, show
-    from hapticnet.experiment.provenance import provenance
-    from hapticnet.study.plan import find_plan
-    from hapticnet.study.power import ShareAnswers, lines
-    from hapticnet.study.power import power as power_of
-
-    chosen = find_plan(plan)
-    designs = [
-        (people, each)
-        for each in _numbers("trials", str(chosen.order.trials) if trials is None else trials, int)
-        for people in _numbers("participants", participants, int)
-    ]
-    expected = shares or _paper_shares(chosen)
-    answers = ShareAnswers(tuple(each.name for each in chosen.condition), tuple(_numbers("shares", expected, float)))
-    console = Console("experiment", quiet=json)
-    try:
-        found = power_of(
-            answers,
-            designs,
-            experiments=experiments,
-            margin=chosen.order.equivalence_margin if margin is None else margin,
-            seed=seed,
-            on_design=lambda people, each: console.progress(f"{people} participants, {each} trials"),
-        )
-    finally:
-        console.finish()
-    source = f"assumed shares {expected}"
-    account = {"provenance": provenance(), "simulated": source, "designs": [asdict(each) for each in found]}
-    show(_json(account) if json else "\n".join(lines(found, source)))
-
-
-def _paper_shares(plan: "Plan") -> str:
-    """Return the paper's shares of correct orders; raise SettingsError if the plan has another condition."""
-    from hapticnet.errors import SettingsError
-    from hapticnet.experiment.analysis import CONDITIONS
-
-    known = {("raw", 0.0) if each.codec == "raw" else (each.codec, each.multiplier): each for each in CONDITIONS}
-    for each in plan.condition:
-        if (each.codec, each.threshold) not in known:
-            example = ",".join(["0.775", *["0.675"] * (len(plan.condition) - 1)])
-            names = ", ".join(condition.name for condition in plan.condition)
-            raise SettingsError(
-                f"condition {each.name!r} is not in the paper, so its share of correct orders is unknown:"
-                f" state what you expect for {names}, such as --shares {example}"
-            )
-    return ",".join(f"{known[each.codec, each.threshold].paper_correct:g}" for each in plan.condition)
-
-
-def _numbers(name: str, text: str, kind: type[Number]) -> list[Number]:
-    from hapticnet.errors import SettingsError
-
-    try:
-        return [kind(part) for part in text.split(",")]
-    except ValueError:
-        told = "whole numbers, such as 8,16,24" if kind is int else "numbers from 0 to 1, such as 0.775,0.8"
-        raise SettingsError(f"{name} {text!r} must be {told}") from None
 
 
 def texts() -> None:
