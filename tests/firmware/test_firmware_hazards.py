@@ -60,19 +60,18 @@ def test_an_unplugged_device_is_detected_within_100_ms_and_releases_the_finger(
 ) -> None:
     made = pressing(stiffness_n_m)
     at_ms = made.now_us // MS
+    wired = made.nano.wired
+    wired.bytes_to_send, wired.receive = bytes, lambda *_: None
     if told:
-        made.nano.pull_plug(made.now_us)
-    else:
-        made.nano._plugged = False
-        made.nano.wired.bytes_to_send = lambda: b""
+        wired.closed("unplugged", made.now_us)
     felt_n = made.press(3.0, 600)
     (lost_ms,) = made.times_ms(DeviceLost)
     assert lost_ms - at_ms <= (1 if told else 100)
     assert (made.nano.status == "unplugged") == told
     assert released_ms(felt_n) <= 220 + RETRACT_MS
     assert max(felt_n[released_ms(felt_n) :]) == 0.0
-    vars(made.nano.wired).pop("bytes_to_send", None)
-    made.nano.plug_in(made.now_us)
+    del wired.bytes_to_send, wired.receive
+    wired.opened(made.now_us)
     assert max(made.press(3.0, 1_800)) <= 3.3
     assert len(made.times_ms(DeviceFound)) == 2
     assert made.felt_n[-1] == pytest.approx(3.0, rel=0.1)
