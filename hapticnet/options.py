@@ -182,7 +182,14 @@ DeviceTakes: TypeAlias = Annotated[
 Profile: TypeAlias = Annotated[
     Path | None, Option("The device's calibration and finger, from hapticnet device.", "FILE")
 ]
-Passive: TypeAlias = Annotated[bool, Option("Damp a force that would return more energy than the hand put in.")]
+Coupling: TypeAlias = Annotated[
+    str,
+    Option(
+        "How to keep a hand that yields from oscillating: direct (not at all), energy-bounded, or one of an installed"
+        " package.",
+        "NAME[:KEY=VALUE,…]",
+    ),
+]
 MaxAge: TypeAlias = Annotated[
     float, _seconds("Ignore forces that answer a position older than this, by the master's clock.", 0.01, 60.0)
 ]
@@ -324,7 +331,7 @@ class SharedMasterOptions:
     positions: Positions = "raw"
     position_share: PositionShare = POSITION_SHARE
     first_touch: FirstTouch = False
-    passive: Passive = False
+    coupling: Coupling = "direct"
 
     def of_node(self) -> dict[str, Any]:
         """Return the settings of the node, by the same names."""

@@ -89,10 +89,6 @@ def measure(arguments: argparse.Namespace) -> Row:
         felt(trial, kind, codec, link, delay_ms, seed)
         for (kind, trial), codec, (link, delay_ms) in itertools.product(found, CODECS, links)
     ]
-    controlled = [
-        felt(trial, kind, codec, "delay alone", delay_ms, seed, passive=True)
-        for (kind, trial), codec, delay_ms in itertools.product(found, MAIN, disturbed_ms or (25,))
-    ]
     predicted = [
         felt(trial, kind, codec, link, delay_ms, seed, predicted=True)
         for (kind, trial), codec, link, delay_ms in itertools.product(found, MAIN, LINKS, disturbed_ms or (25,))
@@ -104,7 +100,6 @@ def measure(arguments: argparse.Namespace) -> Row:
         "signals": [{"name": trial.name, "kind": kind, **account(trial)} for kind, trial in found],
         "rows": rows,
         "means": means(rows),
-        "controlled": means(controlled),
         "predicted": means(predicted),
         "ablated": ablated(found, seed),
     }
@@ -118,7 +113,6 @@ def felt(
     delay_ms: int,
     seed: int,
     *,
-    passive: bool = False,
     predicted: bool = False,
 ) -> Row:
     """Return what a hand feels of one signal through one codec at 1 JND over one link, and at what cost."""
@@ -135,7 +129,6 @@ def felt(
         feedback=channel,
         repair_us=REPAIR_US + 2 * channel.delay_us,
         rng=np.random.default_rng(seed),
-        passive=passive,
         scene=make_scene(trial.scene) if predicted and trial.scene is not None else None,
     )
     errors = error_report(law, trial.stimuli, played.applied)

@@ -174,6 +174,7 @@ def virtual_link(
     rate_hz: float = 1000.0,
     announced: bool = False,
     predicted: bool = False,
+    coupling: str = "direct",
     positions: Positions = "raw",
     position_share: float = 0.25,
     operator: HasSample | None = None,
@@ -203,6 +204,8 @@ def virtual_link(
         Whether the scene announces the contact ahead, and the master renders it without delay.
     predicted
         Whether the slave answers for where the hand will be when the force arrives, on a copy of the scene.
+    coupling
+        How to keep a hand that yields from oscillating: ``"direct"``, ``"energy-bounded"``, or that of a package.
     positions, position_share
         Which positions are sent, ``"raw"`` or ``"line"``, and the share of the JND that those of ``"line"`` may use.
     operator
@@ -246,6 +249,7 @@ def virtual_link(
         record=True,
         announced=announced,
         predicted=predicted,
+        coupling=coupling,
         positions=positions,
         position_share=position_share,
     )

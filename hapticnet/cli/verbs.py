@@ -151,7 +151,7 @@ GROUPS: Final[dict[str, tuple[str, ...]]] = {
         "operator", "insertions", "rate", "positions", "position-share", "device", "device-takes", "profile", "from",
         "to", "stiffness",
     ),
-    "Safety": ("passive", "max-age", "max-force", "first-touch"),
+    "Safety": ("coupling", "max-age", "max-force", "first-touch"),
     "Scene and contact": ("scene", "announce", "announced", "predicted"),
     "Codec and perception": (
         "codec", "codecs", "add-codec", "multiplier", "multipliers", "weber", "floor", "law",

@@ -1,4 +1,4 @@
-"""Stages between a decoded force and the controller: passivity, hold with an age limit, clamp and slew limit."""
+"""Stages between a decoded force and the controller: hold with an age limit, clamp and slew limit."""
 
 import math
 from dataclasses import dataclass
@@ -8,7 +8,6 @@ from hapticnet.checks import axes_of, check_above, check_parameter
 from hapticnet.errors import SampleError, SettingsError
 from hapticnet.hardware import MAX_FORCE_N
 from hapticnet.samples import MAX_AXES, Vector
-from hapticnet.vectors import along, dot, magnitude, minus, plus
 
 SLEW_N_PER_S: Final = 50.0
 """Largest rate of rise [N/s] of the target, and of the held force after the link recovers (``hold.py``). An assumption:
@@ -222,50 +221,3 @@ class Hold:
         self._whole = wanted_n <= highest_n
         self._share = 1.0 if self._whole else highest_n / wanted_n
         self._applied_n = min(wanted_n, highest_n)
-
-
-SMALLEST_SQUARE_M2: Final = 1e-18  # squared movement [m²] between two ticks below which nothing is done: a nanometre
-
-
-class PassivityController:
-    """Observer and controller of one port; there is contact above a force of `contact_n` [N].
-
-    Every contact has its own account, which begins at zero: otherwise the energy that a breach absorbs would pay for
-    energy created later.
-    """
-
-    __slots__ = ("_applied_n", "_position_m", "_zero_n", "contact_n", "damped_j", "energy_j")
-
-    def __init__(self, axes: int, contact_n: float) -> None:
-        self.energy_j = 0.0  # work of the hand in this contact so far [J], less what it got back
-        self.damped_j = 0.0  # energy [J] absorbed by damping, in all contacts
-        self.contact_n = contact_n
-        self._zero_n: Vector = (0.0,) * axes
-        self._applied_n = self._zero_n
-        self._position_m: Vector | None = None
-
-    def limit(self, force_n: Vector, position_m: Vector) -> Vector:
-        """Return the force [N] to apply until the next tick.
-
-        It is `force_n`, plus damping along the motion if the account would become negative after another movement like
-        the last one. Damping never exceeds the force: it neither reverses nor more than doubles it.
-        """
-        before_m, self._position_m = self._position_m, position_m
-        if before_m is None:
-            self._applied_n = force_n
-            return force_n
-        move_m = minus(position_m, before_m)
-        # The mean of both ends, so that a spring gives back what it took. A force that is held from tick to tick gives
-        # back a little more; this happens without a network too, and is far below what a person can feel.
-        self.energy_j += 0.5 * dot(plus(self._applied_n, force_n), move_m)
-        size_n = magnitude(force_n)
-        if size_n <= self.contact_n and magnitude(self._applied_n) <= self.contact_n:
-            self.energy_j = 0.0
-        square_m2 = dot(move_m, move_m)
-        expected_j = self.energy_j + 0.5 * dot(force_n, move_m)
-        if expected_j < 0.0 and square_m2 > SMALLEST_SQUARE_M2:
-            share = min(-2.0 * expected_j / square_m2, size_n / math.sqrt(square_m2))
-            self.damped_j += share * square_m2
-            force_n = along(force_n, share, move_m)
-        self._applied_n = force_n
-        return force_n

@@ -12,6 +12,7 @@ from typing import Final, TypeAlias
 from hapticnet.checks import axes_of
 from hapticnet.codec.base import Codec
 from hapticnet.codec.registry import all_codecs, make_codec, with_share
+from hapticnet.control.couplings import Coupling, all_couplings, make_coupling
 from hapticnet.errors import HapticnetError, SampleError, SettingsError
 from hapticnet.node.settings import SlaveSettings
 from hapticnet.node.slave_context import SlaveContext
@@ -288,7 +289,7 @@ class Admission:
         if visitor.responder is not None and entry is None:
             raise RefusalError(Code.KEY, "this slave does not know the master's key: add it to its list of masters")
         identity = identity_of(visitor, host)
-        codec = _codec(request)
+        codec, coupling = _codec(request), _coupling(request)
         timings = self._settings.session
         found = seats.to_continue(identity, request.name, request.ticket, now_us)
         old, same_clock = (None, False) if found is None else found
@@ -305,12 +306,12 @@ class Admission:
                 Code.AXES, f"the master has {axes_of(request.axes)}; scene {scene.name!r} has {scene.axes}"
             )
         # Only a scene with a stiffness bound is stepped at positions that the master did not send.
-        says = request.announced and self._settings.announces
+        says = request.announced and self._settings.announces and coupling is None
         announced = says and look_ahead_of(scene) is not None
         # A codec that follows the hand's own position would be judged at the place of a robot that moves ahead.
         may_lead = lead_limit_n(scene) > 0.0 and not codec.needs_position and not announced
-        predicted = request.predicted and (copy_method(scene) is not None or may_lead)
-        share = request.position_share if bound_method(scene) is not None else 0.0
+        predicted = request.predicted and (copy_method(scene) is not None or may_lead) and coupling is None
+        share = request.position_share if bound_method(scene) is not None and coupling is None else 0.0
         codec = with_share(codec, share) if share else codec
         rate_hz = min(request.rate_hz, self._settings.fastest_rate_hz)
         if entry is not None and entry.fastest_rate_hz is not None:
@@ -342,6 +343,7 @@ class Admission:
             identity,
             scene,
             codec,
+            coupling,
             seats=most,
             listed=None if entry is None else entry.name,
             settings=self._settings,
@@ -370,6 +372,18 @@ class Admission:
 def identity_of(visitor: Visitor, host: Hashable) -> Hashable:
     """Return the identity of a session: a public key or, without keys, a host."""
     return host if visitor.entry is None else visitor.entry.public
+
+
+def _coupling(request: Request) -> Coupling | None:
+    """Return the coupling asked for that has an end at the slave; None if there is none."""
+    if request.coupling is None:
+        return None
+    name, parameters = request.coupling
+    try:
+        coupling = make_coupling(name, parameters)
+    except SettingsError as error:
+        raise RefusalError(Code.PARAMETER if name in all_couplings() else Code.CODEC, str(error)) from error
+    return coupling if coupling.two_port else None
 
 
 def _codec(request: Request) -> Codec:

@@ -8,6 +8,7 @@ from typing import Any, NamedTuple
 
 from hapticnet.codec.base import Codec, Decoder, Predictive
 from hapticnet.codec.positions import Difference
+from hapticnet.control.couplings import MasterEnd
 from hapticnet.control.hold import Hold, HoldSettings
 from hapticnet.node.decoders import Allowance, AnnouncedDecoder, BoundedDecoder, LineDecoder, receiver
 from hapticnet.node.force_predictor import ForcePredictor
@@ -29,7 +30,10 @@ class _Stream:
         *,
         on_a_line: bool,
         predicted: bool,
+        end: MasterEnd | None = None,
+        data_bytes: int = 0,
     ) -> None:
+        self._end, self._data_bytes = end, data_bytes  # of a coupling: its end, and its data before each payload
         # Between lines the slave steps where the hand may not be: what it judges there is bounded in any case.
         self.decoder: Decoder = receiver(codec, axes, predicted=predicted and not on_a_line)
         self.announced: AnnouncedDecoder | None = None
@@ -72,6 +76,10 @@ class _Stream:
         late = self._late
         if late and distance(event.sequence, late[-1][1].sequence) <= 0:  # overtaken by a model
             return False
+        if self._data_bytes:
+            data, event = event.payload[: self._data_bytes], replace(event, payload=event.payload[self._data_bytes :])
+            if self._end is not None:
+                self._end.incoming(data)
         self.decoder.decode(event.t_us, event.payload)
         if self.line_decoder is not None:
             self.line_decoder.decode(event.t_us, event.payload)
@@ -132,16 +140,30 @@ class AppliedForce:
         return self._stream.on_model
 
     def begin(
-        self, codec: Codec, stiffest_n_per_m: float | None = None, *, on_a_line: bool = False, predicted: bool = False
+        self,
+        codec: Codec,
+        stiffest_n_per_m: float | None = None,
+        *,
+        on_a_line: bool = False,
+        predicted: bool = False,
+        end: MasterEnd | None = None,
+        data_bytes: int = 0,
     ) -> bool:
         """Begin a session; the previous one is applied until the first force arrives. Return whether there is none.
 
         `stiffest_n_per_m` is the limit of models of the contact ahead [N/m]; None if nothing is announced. `on_a_line`
         says whether positions are sent only when they matter, `predicted` whether forces are those where the hand will
-        be.
+        be. `end` reads the `data_bytes` of a coupling before each payload.
         """
         self._next = _Stream(
-            codec, self._axes, stiffest_n_per_m, self._allowance, on_a_line=on_a_line, predicted=predicted
+            codec,
+            self._axes,
+            stiffest_n_per_m,
+            self._allowance,
+            on_a_line=on_a_line,
+            predicted=predicted,
+            end=end,
+            data_bytes=data_bytes,
         )
         if self._stream.heard_us is not None:
             return False

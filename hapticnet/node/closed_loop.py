@@ -13,7 +13,6 @@ from hapticnet.arrays import FloatArray, IntArray
 from hapticnet.channel.emulator import Emulator
 from hapticnet.channel.settings import ChannelSettings
 from hapticnet.codec.base import Codec, Delayed
-from hapticnet.control.hold import PassivityController
 from hapticnet.errors import PeerError
 from hapticnet.node.decoders import receiver
 from hapticnet.node.hand_predictor import ForceAhead
@@ -50,7 +49,6 @@ def simulate_link(
     feedback: ChannelSettings,
     repair_us: int,
     rng: np.random.Generator,
-    passive: bool = False,
     scene: Touchable | None = None,
 ) -> Felt:
     """Play a recorded hand over a network: a master with a tick at each sample, and a slave that answers on arrival.
@@ -65,16 +63,7 @@ def simulate_link(
     """
     link = _Link(codec, t_us, stimuli, positions, forward, feedback, repair_us, rng, scene)
     applied = np.array([link.tick(index) for index in range(len(t_us))], dtype=np.float64).reshape(stimuli.shape)
-    if passive and positions is not None:
-        applied = damped(applied, positions, codec.law.floor_n)
     return Felt(applied, link.sent, link.received)
-
-
-def damped(applied: FloatArray, positions: FloatArray, contact_n: float) -> FloatArray:
-    """Return applied forces [N] after passivity control, shape (n, a)."""
-    port = PassivityController(applied.shape[1], contact_n)
-    pairs = zip(applied.tolist(), positions.tolist(), strict=True)
-    return np.array([port.limit(tuple(force_n), tuple(at_m)) for force_n, at_m in pairs]).reshape(applied.shape)
 
 
 class _Link:

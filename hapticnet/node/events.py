@@ -39,6 +39,7 @@ class SettingsInForce:
     position_share: float
     announced: bool
     predicted: bool
+    coupling: str  # its name; "direct" for one that only the master knows
     scene: str
     # networks that are emulated at this end, as written for ``--channel-out``; None: none
     channel_out: str | None = None
@@ -57,6 +58,7 @@ class SettingsInForce:
             position_share=grant.position_share,
             announced=grant.announced,
             predicted=grant.predicted,
+            coupling="direct" if request.coupling is None else request.coupling[0],
             scene=grant.scene,
         )
 

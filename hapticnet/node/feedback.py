@@ -256,6 +256,7 @@ class Feedback:
         self._session = session
         self._codec = codec
         self._idle_below_n = slave_idle_below_n(codec.law)
+        self.data = b""  # data of a coupling before the next payload
         self._predicted: tuple[Vector, Vector] | None = None
         self._missed = False
         self._longest_us = round(1.5e6 / rate_hz)  # longest time between two positions if none is missing
@@ -315,7 +316,8 @@ class Feedback:
         if payload is not None:
             repeated, right = (False, False) if self._announcing is None else self._announcing.newest
             before = None if right else self.held_n
-            return payload, session.force(sample.t_us, payload, now_us, before=before, repeated=repeated)
+            whole = self.data + payload
+            return payload, session.force(sample.t_us, whole, now_us, before=before, repeated=repeated)
         if due or session.has_news or self._keepalive_is_due(force_n, now_us):
             return None, session.keepalive(sample.t_us, now_us, held=None if self.on_model else self.held_n)
         return None, None

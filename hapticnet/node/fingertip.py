@@ -198,6 +198,13 @@ class Rendering:
         return getattr(self.fingertip and self.fingertip.device, "what", "the device and its force loop")
 
     @property
+    def largest_n(self) -> float:
+        """Largest force [N] that the device renders; infinite without one."""
+        if self.with_loop is not None:
+            return self.with_loop.largest_n
+        return self.fingertip.device.max_force_n if isinstance(self.fingertip, Actuator) else math.inf
+
+    @property
     def least_rate_hz(self) -> float:
         """Rate [Hz] below which the device's force loop must not run."""
         return self.with_loop.device.least_rate_hz if self.with_loop is not None else 0.0

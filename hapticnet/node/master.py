@@ -1,5 +1,6 @@
 """The master: streams the operator's position, holds the last force, and drives the fingertip device with it."""
 
+import math
 from collections import deque
 from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
@@ -7,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 from hapticnet.checks import axes_of
 from hapticnet.codec.base import Codec
 from hapticnet.codec.registry import codec_parameters, make_codec, with_share
-from hapticnet.control.hold import PassivityController
+from hapticnet.control.couplings import Port, parameters_of, parse_coupling
 from hapticnet.device.base import Device
 from hapticnet.device.user import UserActuator
 from hapticnet.errors import PeerError, SampleError, in_words
@@ -42,6 +43,8 @@ from hapticnet.scene.ahead import stiffest_at
 if TYPE_CHECKING:
     from collections.abc import Callable
 
+    from hapticnet.control.couplings import MasterEnd
+
 
 class MasterNode:
     """One operator, one session, one device.
@@ -60,6 +63,7 @@ class MasterNode:
         clock: Clock | None = None,
     ) -> None:
         self.settings = settings
+        self._operator = operator
         self.times = StepTimes(clock)  # the times of steps of operator, device and a user's codec
         self.notices: dict[Code, str] = {}  # notices of slaves about the sessions, the newest of each code
         # time [µs] between two positions, as the slave has granted it; each is sent in the tick nearest to its time
@@ -72,14 +76,13 @@ class MasterNode:
         self.paused: str | None = None  # why the operator is paused; None if it is not
         self.recording = Recording(master_columns(operator.axes)) if settings.record else None  # rows of ticks
         self.datagrams = Recording(DATAGRAM_COLUMNS) if settings.record_datagrams else None
-        self._operator = operator
         self._feel: Callable[[int, Vector], None] | None = getattr(operator, "feel", None)
+        self._coupling = parse_coupling(settings.coupling)
         self._codec = make_codec(settings.codec, settings.law, settings.parameters)
         self._next_codec = self._codec
         self.session = MasterSession(self._request(self._codec), settings.session, rng, settings.key)
         self._forward = Forward(self.session, settings.law, operator.axes)
         self._applied = AppliedForce(self._codec, settings.hold, operator.axes)
-        self._port = PassivityController(operator.axes, settings.law.floor_n) if settings.passive else None
         self._rendering = Rendering(device, settings, operator.axes)
         # time [µs] between two ticks. No slave may slow the force loop down: its limits hold for the device's rate.
         self.period_us = round(1e6 / max(settings.rate_hz, self._rendering.least_rate_hz))
@@ -87,7 +90,9 @@ class MasterNode:
         self._device_time = self.times.of(self._rendering.what)
         self._codec_time = self.times.of_codec(self._codec)
         fingertip = self._rendering.with_loop
-        self._lead_us = fingertip.lead_us if fingertip is not None and self._port is None else None
+        self._largest_n = min(self._rendering.largest_n, getattr(operator, "max_force_n", math.inf))
+        self._end = self._new_end(settings.law)
+        self._lead_us = fingertip.lead_us if fingertip is not None and self._end is None else None
         self._first_touch = FirstTouch(fingertip) if settings.first_touch and fingertip is not None else None
         self._script_start_us: int | None = None
         self.position_m: Vector | None = None  # position [m] of the newest tick; None before there is a session
@@ -127,6 +132,9 @@ class MasterNode:
     def largest_n(self) -> float | None:
         """Largest force [N] requested from the device; None without one that renders forces by a force loop."""
         return self._rendering.with_loop.largest_n if self._rendering.with_loop is not None else None
+
+    def _new_end(self, law: WeberLaw) -> "MasterEnd | None":
+        return self._coupling.master(Port(self._operator.axes, law, self.period_us, self._largest_n))
 
     @property
     def device_status(self) -> str | None:
@@ -189,13 +197,14 @@ class MasterNode:
         applied, forward = self._applied, self._forward
         try:
             if not forward.is_sparse:
-                forward.send_every(now_us, position_m, state)
+                data = self._end.outgoing(position_m, now_us) if self._end is not None else b""
+                forward.send_every(now_us, position_m, state, data)
                 return
             difference = applied.difference(now_us, self.position_period_us, position_m)
             place_m = forward.send(now_us, position_m, applied.received_n, state, difference)
             applied.follow(now_us, self.position_period_us, place_m)
-        except Exception as error:  # a user's codec may raise anything
-            self._fail(f"the codec failed: {in_words(error)}", now_us)
+        except Exception as error:  # a user's codec or coupling may raise anything
+            self._fail(f"the codec or the coupling failed: {in_words(error)}", now_us)
 
     def check(self, now_us: int, waited_us: Clock = no_wait) -> None:
         """Check a few times a second that operator, device and codec keep up; `waited_us`: see `StepTimes.check`."""
@@ -237,10 +246,15 @@ class MasterNode:
             held_n = self._applied.value(now_us)
         else:
             held_n = self.held_force_n(now_us)
-        if self._port is not None and self.position_m is not None:
-            held_n = self._port.limit(held_n, self.position_m)
+        if self._end is not None and self.position_m is not None and self.failure is None:
+            try:
+                follows = self.on_model or self._codec.needs_position
+                held_n = self._end.limit(held_n, self.position_m, now_us, follows=follows)
+            except Exception as error:  # a user's coupling may raise anything
+                self._fail(f"the coupling failed: {in_words(error)}", now_us)
+                held_n = self._zero_n
         self.held_n = self._ahead_n = held_n
-        # No lead on a damped force, because the future damping is unknown.
+        # No lead on a coupled force, because the future coupling is unknown.
         if self._lead_us is not None and self.failure is None:
             try:
                 self._ahead_n = self._applied.expected(now_us, self._lead_us)
@@ -333,7 +347,7 @@ class MasterNode:
             "sealed": self.session.sealed,
             "connections": self.connections,
             **self._rendering.report(),
-            "damped_j": self._port.damped_j if self._port else None,
+            "coupling": {"name": self._coupling.name, **(self._end.report() if self._end is not None else {})},
             "round_trip": self.session.round_trip.report(),
             "age_of_applied_force": self.age.report(),
             "ticks_on_model": self._applied.ticks_on_model,
@@ -354,6 +368,7 @@ class MasterNode:
             name=self.settings.name,
             announced=self.settings.announced,
             predicted=self.settings.predicted,
+            coupling=(self._coupling.name, parameters_of(self._coupling)) if self._coupling.two_port else None,
         )
 
     def _ask_operator(self, t_us: int, now_us: int) -> None:
@@ -423,11 +438,19 @@ class MasterNode:
             share = event.grant.position_share
             codec = with_share(self._codec, share) if share else self._codec
             stiffest = stiffest_at(event.grant.rate_hz) if event.grant.announced else None
-            if self._applied.begin(codec, stiffest, on_a_line=share > 0.0, predicted=event.grant.predicted):
+            if self._coupling.two_port:
+                self._end = self._new_end(self._codec.law)
+            begins = self._applied.begin(
+                codec,
+                stiffest,
+                on_a_line=share > 0.0,
+                predicted=event.grant.predicted,
+                end=self._end,
+                data_bytes=self._coupling.feedback_bytes(self.axes),
+            )
+            if begins:
                 self._events += self.in_force.begin(self._granted, now_us)
             self._forward.begin(self._codec.law, share)
-            if self._port is not None:
-                self._port.contact_n = self._codec.law.floor_n
             if self._script_start_us is None:
                 self._script_start_us = now_us
         elif isinstance(event, Noticed):

@@ -49,12 +49,12 @@ class Forward:
         """Whether positions are sent only when they matter."""
         return self._sender is not None
 
-    def send_every(self, now_us: int, position_m: Vector, state: int | None = None) -> None:
-        """Send the position of a tick in a session that sends all; see `send`."""
+    def send_every(self, now_us: int, position_m: Vector, state: int | None = None, data: bytes = b"") -> None:
+        """Send the position of a tick in a session that sends all, after the data of a coupling; see `send`."""
         self._ticks += 1
         payload = self._every.encode(now_us, position_m)
         if payload is not None:
-            self._transmit(now_us, payload, state)
+            self._transmit(now_us, data + payload, state)
 
     def is_idle(self, applied_n: Vector) -> bool:
         """Return whether the force [N] of a session with few positions is so small that a long silence does no harm."""

@@ -3,6 +3,7 @@
 from dataclasses import dataclass, field
 from typing import Final, Literal, TypeAlias
 
+from hapticnet.control.couplings import parse_coupling
 from hapticnet.control.force_settings import ForceControlSettings
 from hapticnet.control.hold import HoldSettings, LimitSettings
 from hapticnet.errors import SettingsError
@@ -44,7 +45,7 @@ class MasterSettings:
     device_takes: DeviceTakes = "x"  # the axis of the force that the device renders, or its norm
     announced: bool = False  # whether to ask for models of the contact ahead, and render them at its own position
     predicted: bool = False  # whether to ask for forces where the hand will be when they arrive
-    passive: bool = False  # whether passivity control damps a force that would return more energy than the hand put in
+    coupling: str = "direct"  # how to keep a hand that yields from oscillating: NAME[:KEY=VALUE,…]
     first_touch: bool = False  # whether to find the finger before asking for a session
     session: SessionSettings = field(default_factory=SessionSettings)
     hold: HoldSettings = field(default_factory=HoldSettings)
@@ -62,6 +63,11 @@ class MasterSettings:
                 f" matter it must be at least {LEAST_AGE_ON_A_LINE_US / 1e6:g} s, because they are up to 0.15 s old"
             )
         RATE_HZ.check(self.rate_hz)
+        if parse_coupling(self.coupling).two_port and (self.positions == "line" or self.announced or self.predicted):
+            raise SettingsError(
+                f"coupling {self.coupling!r} answers each position at the slave; it cannot be combined with"
+                " positions 'line', announced or predicted"
+            )
 
 
 def device_axis(takes: DeviceTakes, axes: int) -> int | None:

@@ -1,5 +1,6 @@
 """One master's context at the slave: session, scene, codec and report."""
 
+import math
 from collections.abc import Hashable
 from dataclasses import asdict
 from typing import Any, Final, TypeAlias
@@ -8,7 +9,8 @@ from hapticnet.codec.base import Codec
 from hapticnet.codec.positions import PromisedLine, unpack_line
 from hapticnet.codec.registry import codec_parameters
 from hapticnet.codec.schemes.raw import Raw
-from hapticnet.errors import SampleError, UserCodeError, in_words
+from hapticnet.control.couplings import Coupling, Port, SlaveEnd
+from hapticnet.errors import PeerError, SampleError, UserCodeError, in_words
 from hapticnet.measure.running_error import RunningError
 from hapticnet.node.decoders import read_state
 from hapticnet.node.feedback import Feedback, SceneFailedError
@@ -50,6 +52,7 @@ class SlaveContext:
         identity: Hashable,
         scene: Touchable,
         codec: Codec,
+        coupling: Coupling | None = None,
         *,
         seats: int,
         listed: str | None,
@@ -90,6 +93,11 @@ class SlaveContext:
         self._stepped_us = now_us
         self._pending: PositionSample | None = None
         self.reckoning = DeadReckoning(round(1e6 / grant.rate_hz)) if grant.position_share else None
+        self._end: SlaveEnd | None = None  # of the coupling
+        self._data_bytes, self._data = 0, b""  # data of the coupling before a position, and that of the newest one
+        if coupling is not None:
+            self._data_bytes = coupling.forward_bytes(scene.axes)
+            self._end = coupling.slave(Port(scene.axes, codec.law, round(1e6 / grant.rate_hz), math.inf))
         self._knows_bound = False
         self.between = 0
         self._answered: _Answered | None = None
@@ -145,7 +153,7 @@ class SlaveContext:
             return False
         if self.session.seal is not None:
             self.address = address  # the newest datagram that opens gives the master's address
-        t_us, (state, line) = taken
+        t_us, (state, line, self._data) = taken
         position_m = line.position_m
         if self.reckoning is not None:
             self.reckoning.receive(line._replace(t_us=t_us), now_us)
@@ -157,15 +165,16 @@ class SlaveContext:
         self._master_state = state if self.session.in_step else None
         return True
 
-    def _read(self, payload: bytes) -> tuple[int | None, PromisedLine]:
-        """Return state of the model and line of a position, at time 0; PeerError if malformed."""
-        state = None
+    def _read(self, payload: bytes) -> tuple[int | None, PromisedLine, bytes]:
+        """Return state of the model, line of a position at time 0, and data of the coupling; PeerError if malformed."""
+        state, data = None, payload[: self._data_bytes]
+        payload = payload[self._data_bytes :]
         if self.grant.announced:
             state, payload = read_state(payload)
         if self.reckoning is not None:
-            return state, unpack_line(0, payload, self.scene.axes)
+            return state, unpack_line(0, payload, self.scene.axes), data
         self._positions.decode(0, payload)
-        return state, PromisedLine(0, self._positions.reconstruct(0), (), ())
+        return state, PromisedLine(0, self._positions.reconstruct(0), (), ()), data
 
     @property
     def waits(self) -> bool:
@@ -181,6 +190,8 @@ class SlaveContext:
         if self._shift_us is None:
             self._shift_us = self._begin(sample.t_us, now_us)
         try:
+            if self._end is not None:
+                return self._answer_coupled(self._end, sample, now_us)
             if self.reckoning is None:
                 sample = self._led(sample)
                 return self._answer(sample, self._step(sample), now_us)
@@ -190,6 +201,16 @@ class SlaveContext:
                 self.reckoning.answered(sample.t_us)
             self.session.received.malformed += 1
             return None
+
+    def _answer_coupled(self, end: SlaveEnd, sample: PositionSample, now_us: int) -> bytes | None:
+        """Move the scene to where the coupling puts the tool; return its answer. SampleError if its data is bad."""
+        try:
+            tool_m = end.command(sample.position_m, sample.t_us, self._data)
+            force_n = self._step(PositionSample(sample.t_us, tool_m))
+            coded_n, self.feedback.data = end.answer(force_n)
+        except PeerError as error:
+            raise SampleError(str(error)) from error
+        return self._answer(sample, force_n, now_us, coded_n)
 
     def step_between(self, now_us: int) -> bytes | None:
         """Step the scene along the promised line; return the answer, if any. SceneFailedError if that fails."""
@@ -239,8 +260,10 @@ class SlaveContext:
             self._knows_bound = True
             self.session.set_bound(news)
 
-    def _answer(self, sample: PositionSample, force_n: Vector, now_us: int) -> bytes | None:
-        """Return the datagram that answers a position with its force, if any."""
+    def _answer(
+        self, sample: PositionSample, force_n: Vector, now_us: int, coded_n: Vector | None = None
+    ) -> bytes | None:
+        """Return the datagram that answers a position with its force, if any; `coded_n`: the vector encoded for it."""
         if self.reckoning is not None:
             self.reckoning.answered(sample.t_us)
         feedback = self.feedback
@@ -255,10 +278,11 @@ class SlaveContext:
                 self._fail(UserCodeError(f"its copy failed: {self._ahead.fault}"))
         self.steps += 1
         self._codec_time.begin()
-        payload, datagram = feedback.answer(sample, force_n, now_us, predicted)
+        payload, datagram = feedback.answer(sample, coded_n or force_n, now_us, predicted)
         self._codec_time.end(self._period_us)
         self._stepped_us = now_us
-        coded_n = force_n if predicted is None or feedback.on_model else predicted[1]
+        if coded_n is None:
+            coded_n = force_n if predicted is None or feedback.on_model else predicted[1]
         self._answered = sample, force_n, coded_n, payload, datagram, now_us
         return datagram
 

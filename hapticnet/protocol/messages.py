@@ -93,7 +93,8 @@ class Request(NamedTuple):
     when it asks [µs]: time stamps of positions are its lower 32 bits, so that with it both sides record the same
     times. `announced` says whether it renders models of the contact ahead. `position_share` is the share of the JND
     that positions may use, if they are sent only when they matter; 0: every position is sent. `predicted` asks
-    for forces where the hand will be when they arrive.
+    for forces where the hand will be when they arrive. `coupling` is the name and the parameters of a coupling that
+    needs an end at the slave (docs/refer/payloads.md), or None.
     """
 
     codec: str
@@ -109,6 +110,7 @@ class Request(NamedTuple):
     announced: bool = False
     position_share: float = 0.0
     predicted: bool = False
+    coupling: tuple[str, dict[str, float]] | None = None
 
     def check(self) -> None:
         """Raise SettingsError if a number is out of its range; codec and perception check theirs."""
@@ -221,19 +223,22 @@ def unpack_hello(body: bytes) -> Hello:
 
 
 def pack_contents(contents: tuple[Any, ...]) -> bytes:
-    """Return a packed request, grant or refusal. `predicted` comes last, and is omitted if false."""
-    return pack_body(contents[:-1] if contents[-1] is False else contents)
+    """Return a packed request, grant or refusal, without `coupling` and `predicted` at its end if they ask nothing."""
+    while contents[-1] is None or contents[-1] is False:
+        contents = contents[:-1]
+    return pack_body(contents)
 
 
 def unpack_request(packed: bytes) -> Request:
     """Return the request of a HELLO; raise PeerError if it is invalid. `Request.check` checks the ranges."""
-    fields = unpack_body(packed, 12, optional=1)
+    fields = unpack_body(packed, 12, optional=2)
     codec, parameters, *law, rate_hz, axes, name, ticket, clock_us, announced, share = fields[:12]
     predicted = len(fields) > 12 and fields[12]
-    _require(_is_text(codec, NAME_BYTES), "codec", codec)
-    _require(type(parameters) is dict, "parameters", parameters)
-    for key, value in parameters.items():
-        _require(_is_text(key, NAME_BYTES) and _is_number(value), "parameter", key)
+    coupling = fields[13] if len(fields) > 13 else None
+    numbers = _numbers(codec, parameters, "codec")
+    if coupling is not None:
+        _require(type(coupling) is tuple and len(coupling) == 2, "coupling", coupling)
+        coupling = coupling[0], _numbers(coupling[0], coupling[1], "coupling")
     _require(all(map(_is_number, law)), "JND", law)
     _require(_is_number(rate_hz), "rate", rate_hz)
     _require(type(axes) is int and 1 <= axes <= 3, "axes", axes)
@@ -243,10 +248,19 @@ def unpack_request(packed: bytes) -> Request:
     _require(type(announced) is bool, "announced", announced)
     _require(_is_number(share), "share of positions", share)
     _require(type(predicted) is bool, "predicted", predicted)
-    numbers = {key: float(value) for key, value in parameters.items()}
     weber_fraction, floor_n, multiplier = map(float, law)
     law_and_rate = weber_fraction, floor_n, multiplier, float(rate_hz)
-    return Request(codec, numbers, *law_and_rate, axes, name, ticket, clock_us, announced, float(share), predicted)
+    asked = announced, float(share), predicted, coupling
+    return Request(codec, numbers, *law_and_rate, axes, name, ticket, clock_us, *asked)
+
+
+def _numbers(name: Any, parameters: Any, what: str) -> dict[str, float]:
+    """Return the parameters of a codec or a coupling, by name."""
+    _require(_is_text(name, NAME_BYTES), what, name)
+    _require(type(parameters) is dict, "parameters", parameters)
+    for key, value in parameters.items():
+        _require(_is_text(key, NAME_BYTES) and _is_number(value), "parameter", key)
+    return {key: float(value) for key, value in parameters.items()}
 
 
 def unpack_cookie(body: bytes) -> Cookie:

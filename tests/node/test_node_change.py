@@ -2,7 +2,6 @@
 
 import pytest
 
-from hapticnet.control.hold import PassivityController
 from hapticnet.errors import SettingsError
 from hapticnet.node.events import CHANGES_KEPT, SettingsInForce
 from hapticnet.node.master import MasterNode
@@ -239,17 +238,3 @@ def test_what_is_kept_is_bounded(loopback):
     for number in range(CHANGES_KEPT + 50):
         link.master.emulate(f"delay={number + 1}us", None)
     assert len(link.master.report()["in_force"]) == CHANGES_KEPT
-
-
-@pytest.mark.plain
-def test_passivity_control_uses_the_floor_in_force(loopback, monkeypatch):
-    made = []
-    limit = PassivityController.limit
-    monkeypatch.setattr(
-        PassivityController, "limit", lambda port, *arguments: made.append(port) or limit(port, *arguments)
-    )
-    link = loopback(1, settings=MasterSettings(passive=True))
-    link.run(SECOND)
-    link.master.change(law=WeberLaw(floor_n=0.2))
-    link.run(SECOND)
-    assert made[-1].contact_n == 0.2

@@ -145,8 +145,12 @@ def by_repr(*values):
 
 def requests():
     yield "as it is", REQUEST, "taken"
-    yield "fields of a later revision", [*REQUEST, False, 7], "taken"
+    yield "fields of a later revision", [*REQUEST, False, None, 7], "taken"
     yield "predicted is 1", [*REQUEST, 1], "dropped"
+    yield "a coupling that is a number", [*REQUEST, False, 7], "dropped"
+    yield "a coupling without parameters", [*REQUEST, False, ["wave"]], "dropped"
+    yield "a coupling with text as a parameter", [*REQUEST, False, ["wave", {"b": "0.3"}]], "dropped"
+    yield "a coupling that is not known", [*REQUEST, False, ["rope", {}]], 2
     yield "eleven fields", REQUEST[:11], "dropped"
     yield "a codec that is not known", ["mp3", *REQUEST[1:]], 2
     yield "a parameter that is not known", ["deadband", {"window_ms": 1.0}, *REQUEST[2:]], 3

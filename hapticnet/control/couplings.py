@@ -1,0 +1,210 @@
+"""Couplings: what master and slave do to the force and the position so that a hand that yields does not oscillate.
+
+A coupling has an end at the master, the last to change a force before the limits of the device, and may have one at the
+slave, between the received position and the scene. Such a coupling is asked for in the REQUEST, and its data precedes
+the payloads of positions and forces. ``direct`` does nothing. Others come from packages with an entry point in the
+group `ENTRY_POINT_GROUP`.
+"""
+
+import dataclasses
+from collections.abc import Mapping
+from dataclasses import dataclass
+from importlib.metadata import entry_points
+from typing import Any, ClassVar, Final, NamedTuple, Protocol
+
+from hapticnet.checks import meant
+from hapticnet.control.energy_bound import EnergyBound
+from hapticnet.errors import HapticnetError, SettingsError, in_words
+from hapticnet.perception import WeberLaw
+from hapticnet.samples import Vector
+from hapticnet.user_code import load_user_code
+
+ENTRY_POINT_GROUP: Final = "hapticnet.couplings"
+
+
+class Port(NamedTuple):
+    """Where a coupling acts."""
+
+    axes: int
+    law: WeberLaw  # the JND of the session
+    period_us: int  # time between two ticks of the master [µs]
+    max_force_n: float  # largest force [N] that the device renders
+
+
+class MasterEnd(Protocol):
+    """The end of a coupling at the master, for one session."""
+
+    def outgoing(self, position_m: Vector, now_us: int) -> bytes:
+        """Return the data that precedes a position, `Coupling.forward_bytes` long."""
+        ...
+
+    def incoming(self, data: bytes) -> None:
+        """Process the data that preceded a force; raise PeerError if it is malformed."""
+
+    def limit(self, force_n: Vector, position_m: Vector, now_us: int, *, follows: bool) -> Vector:
+        """Return the force [N] to apply until the next tick; `follows`: the force is a function of this position."""
+        ...
+
+    def report(self) -> dict[str, float]:
+        """Return its figures for JSON: ``held_back_share``, the share of ticks at which it changed the force, first."""
+        ...
+
+
+class SlaveEnd(Protocol):
+    """The end of a coupling at the slave, for one session."""
+
+    def command(self, position_m: Vector, t_us: int, data: bytes) -> Vector:
+        """Return the position [m] to which the scene is stepped; raise PeerError if the data is malformed."""
+        ...
+
+    def answer(self, force_n: Vector) -> tuple[Vector, bytes]:
+        """Return the vector [N] to encode for the scene's force, and the data that precedes its payload."""
+        ...
+
+
+class Coupling(Protocol):
+    """A coupling and its parameters: a frozen dataclass whose fields are numbers with defaults."""
+
+    name: ClassVar[str]
+    two_port: ClassVar[bool]  # whether the slave takes part
+
+    def forward_bytes(self, axes: int) -> int:
+        """Return the length of the data before each position [B]."""
+        ...
+
+    def feedback_bytes(self, axes: int) -> int:
+        """Return the length of the data before each force [B]."""
+        ...
+
+    def master(self, port: Port) -> MasterEnd | None:
+        """Return a new end at the master; None if it does nothing there."""
+        ...
+
+    def slave(self, port: Port) -> SlaveEnd:
+        """Return a new end at the slave. Only called for `two_port`."""
+        ...
+
+
+@dataclass(frozen=True, slots=True)
+class OnePort:
+    """A coupling without an end at the slave."""
+
+    name: ClassVar[str]
+    two_port: ClassVar[bool] = False
+
+    def forward_bytes(self, axes: int) -> int:  # noqa: ARG002
+        """Return that no data precedes a position."""
+        return 0
+
+    def feedback_bytes(self, axes: int) -> int:  # noqa: ARG002
+        """Return that no data precedes a force."""
+        return 0
+
+    def master(self, port: Port) -> MasterEnd | None:  # noqa: ARG002
+        """Return that there is no end at the master."""
+        return None
+
+    def slave(self, port: Port) -> SlaveEnd:
+        """Never called."""
+        raise NotImplementedError
+
+
+class Direct(OnePort):
+    """Apply the force as it is decoded. For devices that press on the skin and do not move the hand."""
+
+    name: ClassVar[str] = "direct"
+
+
+@dataclass(frozen=True, slots=True)
+class EnergyBounded(OnePort):
+    """Push with at most the force of a spring that holds the energy which the hand has put in.
+
+    Attributes
+    ----------
+    damping
+        Least damping of hand and device [N·s/m]; the hand absorbs what this makes of its motion.
+    allowance_mj
+        Energy [mJ] that a contact may give before the hand has put any in.
+    """
+
+    name: ClassVar[str] = "energy-bounded"
+    damping: float = 1.0
+    allowance_mj: float = 1.0
+
+    def master(self, port: Port) -> MasterEnd:
+        """Return a new account of the energy at the master's port."""
+        return EnergyBound(port.law, port.period_us, port.max_force_n, self.damping, 1e-3 * self.allowance_mj)
+
+
+COUPLINGS: Final[Mapping[str, type[Any]]] = {made.name: made for made in (Direct, EnergyBounded)}
+
+_installed: dict[str, type[Any]] = {}
+
+
+def all_couplings() -> Mapping[str, type[Any]]:
+    """Return hapticnet's couplings, and those of packages that are registered, by name."""
+    return {**COUPLINGS, **_installed}
+
+
+def register_installed_couplings() -> list[str]:
+    """Register every coupling that an installed package offers; return the faults of the others."""
+    faults = []
+    for point in entry_points(group=ENTRY_POINT_GROUP):
+        if point.name not in COUPLINGS and point.name not in _installed:
+            try:
+                made: Any = load_user_code(point.value, "coupling")
+                made()
+            except Exception as error:  # a user's code may raise anything
+                faults.append(in_words(error))
+            else:
+                _installed[point.name] = made
+    return faults
+
+
+def make_coupling(name: str, parameters: Mapping[str, float]) -> Coupling:
+    """Return a coupling; nothing is imported, because the name may come from the network.
+
+    Raise SettingsError if no coupling has that name, or it refuses its parameters; the message lists the known ones.
+    """
+    made = all_couplings().get(name)
+    if made is None:
+        known = all_couplings()
+        raise SettingsError(f"unknown coupling {name!r}{meant(name, known)}; there are: {', '.join(known)}")
+    keys = [field.name for field in dataclasses.fields(made)]
+    for key in parameters:
+        if key not in keys:
+            raise SettingsError(
+                f"coupling {name!r} has no parameter {key!r}{meant(key, keys)}; it has: {', '.join(keys) or 'none'}"
+            )
+    try:
+        coupling: Coupling = made(**parameters)
+    except HapticnetError:
+        raise
+    except Exception as error:  # a user's coupling may raise anything
+        raise SettingsError(f"coupling {name!r} refused {dict(parameters)}: {in_words(error)}") from error
+    return coupling
+
+
+def parse_coupling(text: str) -> Coupling:
+    """Return the coupling written as ``NAME[:KEY=VALUE,…]``; installed packages are imported for other names.
+
+    Do not call it with text from the network. Raise SettingsError if there is none, or a parameter cannot be used.
+    """
+    name, _, rest = text.partition(":")
+    name = name.strip()
+    if name not in all_couplings():
+        register_installed_couplings()
+    parameters: dict[str, float] = {}
+    for part in rest.split(",") if rest else ():
+        key, _, value = part.partition("=")
+        try:
+            parameters[key.strip()] = float(value)
+        except ValueError:
+            raise SettingsError(f"coupling {text!r}: {part!r} must be KEY=NUMBER, as in damping=2") from None
+    return make_coupling(name, parameters)
+
+
+def parameters_of(coupling: Coupling) -> dict[str, float]:
+    """Return the parameters of a coupling by name."""
+    fields: Any = dataclasses.fields(coupling)  # type: ignore[arg-type]  # every coupling is a dataclass
+    return {field.name: float(getattr(coupling, field.name)) for field in fields}

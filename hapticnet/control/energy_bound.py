@@ -1,0 +1,135 @@
+"""A bound on the force from the energy at the master's port: a late force cannot feed an oscillation.
+
+The hand puts the work F·dx into the port, and gets it back when it retreats. Over a delay it gets back more than it put
+in, and an oscillation grows. Here an account E holds what was put in, and the force is at most
+
+    |F| ≤ √(2 K E),    K = 2 b / T
+
+the force of a spring of stiffness K that holds the energy E. A retreat along it returns E and no more. K is the
+largest stiffness that a tick of T and a damping b of hand and device allow: b > K·T/2 (J. E. Colgate and G. Schenkel,
+"Passivity of a class of sampled-data systems: application to haptic interfaces", Journal of Robotic Systems 14, 1997).
+A true spring below K always holds enough, and is not changed. A controller that adds damping instead, like that of
+Hannaford and Ryu (2002), has to cancel the whole force within a tick, tick after tick; this bound changes as smoothly
+as the motion.
+
+What fills the account
+- The work of the hand, and the energy b·v²·dt that its damping absorbs.
+- An allowance for the first force of a contact, which comes late and before any work.
+- What the true spring would hold, once the force has followed the position without a correction for `CONFIRMED_US`:
+  then it is that of a confirmed law of the position, which is passive. A correction is a change that is larger than
+  half a JND and than K·|dx|.
+
+It never holds more than the force could have stored since the contact began (force times depth) and the allowance, so
+that the energy which a breach or a damper absorbs does not pay for an oscillation later.
+"""
+
+import math
+from typing import Final
+
+from hapticnet.checks import check_above, check_parameter
+from hapticnet.perception import WeberLaw
+from hapticnet.samples import Vector
+from hapticnet.vectors import dot, magnitude, minus, times
+
+CONFIRMED_US: Final = 300_000
+"""Time [µs] without a correction after which a force that follows the position counts as confirmed: longer than the
+round trips at which touch is of use (200 ms), within which a wrong law is not contradicted yet."""
+
+FILLED_IN_S: Final = 0.2
+"""Time constant [s] with which the account of a confirmed force is filled: slower than the oscillations of an arm."""
+
+LONGEST_S: Final = 0.02  # longest time [s] between two ticks; after a pause, nothing is credited for it
+
+SMALLEST_MOVE_M: Final = 1e-6  # movement [m] from which a stiffness follows
+
+SMALLEST_SHARE: Final = 0.1
+"""Least stiffness over force per depth at which the force counts as that of a spring."""
+
+
+class EnergyBound:
+    """The account of one port. Satisfies `couplings.MasterEnd`."""
+
+    def __init__(
+        self, law: WeberLaw, period_us: int, max_force_n: float, damping_n_s_per_m: float, allowance_j: float
+    ) -> None:
+        check_above("damping of hand and device", damping_n_s_per_m, 0.0, 1e4, "N·s/m")
+        check_parameter("allowance of a contact", allowance_j, 0.0, 1.0, "J")
+        self.energy_j = self._allowance_j = allowance_j
+        self._law, self._max_force_n, self._damping = law, max_force_n, damping_n_s_per_m
+        self._stiffest = 2e6 * damping_n_s_per_m / period_us  # [N/m]
+        self._applied_n: Vector = ()
+        self._asked_n: Vector = ()
+        self._position_m: Vector | None = None
+        self._began_m: Vector = ()  # where the present contact began
+        self._now_us = self._confirmed_us = 0
+        self._squares_m2 = self._product_j = 0.0  # for the stiffness since the last correction
+        self._ticks = self._held_back = 0
+
+    def outgoing(self, position_m: Vector, now_us: int) -> bytes:  # noqa: ARG002
+        """Return nothing: the slave takes no part."""
+        return b""
+
+    def incoming(self, data: bytes) -> None:
+        """Never called with data."""
+
+    def report(self) -> dict[str, float]:
+        """Return the share of ticks at which the force was held back, and the energy in the account [J]."""
+        return {"held_back_share": self._held_back / self._ticks if self._ticks else 0.0, "energy_j": self.energy_j}
+
+    def limit(self, force_n: Vector, position_m: Vector, now_us: int, *, follows: bool) -> Vector:
+        """Return the force [N] to apply until the next tick. See `couplings.MasterEnd.limit`."""
+        self._ticks += 1
+        size_n, before_m = magnitude(force_n), self._position_m
+        if before_m is None or len(before_m) != len(position_m):
+            self._begin(force_n, position_m, now_us)
+        else:
+            move_m, elapsed_s = minus(position_m, before_m), 1e-6 * (now_us - self._now_us)
+            square_m2 = dot(move_m, move_m)
+            elapsed_s = elapsed_s if 0.0 < elapsed_s <= LONGEST_S else 0.0
+            self.energy_j += dot(self._applied_n, move_m)
+            if elapsed_s:
+                self.energy_j += self._damping * square_m2 / elapsed_s
+            self.energy_j = max(self.energy_j, 0.0)
+            self._watch(force_n, size_n, move_m, square_m2, now_us)
+            if size_n <= self._law.floor_n:
+                self._began_m, self._squares_m2, self._product_j = position_m, 0.0, 0.0
+            stored_j = size_n * magnitude(minus(position_m, self._began_m)) + self._allowance_j
+            if follows and now_us - self._confirmed_us > CONFIRMED_US and size_n > self._law.floor_n:
+                missing_j = self._held_j(size_n, stored_j) - self.energy_j
+                self.energy_j += max(missing_j, 0.0) * elapsed_s / FILLED_IN_S
+            else:
+                self.energy_j = min(self.energy_j, stored_j)
+        self._position_m, self._now_us, self._asked_n = position_m, now_us, force_n
+        most_n = min(math.sqrt(2.0 * self._stiffest * self.energy_j), self._max_force_n)
+        self._applied_n = force_n
+        if size_n > most_n:
+            self._held_back += 1
+            self._applied_n = times(force_n, most_n / size_n)
+        return self._applied_n
+
+    def _begin(self, force_n: Vector, position_m: Vector, now_us: int) -> None:
+        self._began_m, self._asked_n = position_m, force_n
+        self._applied_n = (0.0,) * len(force_n)
+        self._confirmed_us = now_us
+
+    def _watch(self, force_n: Vector, size_n: float, move_m: Vector, square_m2: float, now_us: int) -> None:
+        """Note whether the force has followed the position, and how stiffly."""
+        change_n = minus(force_n, self._asked_n)
+        if magnitude(change_n) > self._stiffest * math.sqrt(square_m2) + 0.5 * self._law.jnd_n(size_n):
+            self._confirmed_us = now_us
+            self._squares_m2 = self._product_j = 0.0
+        else:
+            self._squares_m2 += square_m2
+            self._product_j += dot(change_n, move_m)
+
+    def _held_j(self, size_n: float, stored_j: float) -> float:
+        """Return the energy [J] that a spring of the stiffness seen lately holds at a force [N]; 0 if it is too stiff."""
+        least_j = 0.5 * size_n * size_n / self._stiffest
+        if self._squares_m2 <= SMALLEST_MOVE_M * SMALLEST_MOVE_M:
+            return least_j
+        stiffness = self._product_j / self._squares_m2
+        if stiffness > self._stiffest:
+            return 0.0
+        if stiffness * stored_j <= SMALLEST_SHARE * size_n * size_n:
+            return least_j
+        return max(least_j, min(0.5 * size_n * size_n / stiffness, stored_j))

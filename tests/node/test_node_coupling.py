@@ -1,0 +1,168 @@
+"""Couplings in sessions: one at the master alone, and one with an end at each side."""
+
+import struct
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+import pytest
+
+from hapticnet.api.link import virtual_link
+from hapticnet.control import couplings
+from hapticnet.errors import PeerError, SettingsError, UnavailableError
+from hapticnet.node.settings import MasterSettings
+from hapticnet.operator.yielding import HANDS, YieldingOperator
+from hapticnet.samples import PositionSample
+from hapticnet.scene.settings import SceneSettings, Tissue
+
+SECOND = 1_000_000
+
+
+@dataclass(frozen=True)
+class Offset:
+    """A toy: the master says where the tool is moved to, the slave by how much it was; forces are halved and back."""
+
+    name: ClassVar[str] = "offset"
+    two_port: ClassVar[bool] = True
+    by_m: float = 0.002
+
+    def forward_bytes(self, axes):
+        return 8 * axes
+
+    def feedback_bytes(self, axes):
+        return 4
+
+    def master(self, port):
+        return OffsetMaster(self)
+
+    def slave(self, port):
+        return OffsetSlave()
+
+
+class OffsetMaster:
+    def __init__(self, coupling):
+        self.by_m, self.heard, self.limits = coupling.by_m, [], 0
+
+    def outgoing(self, position_m, now_us):
+        return struct.pack(f">{len(position_m)}d", *(self.by_m for _ in position_m))
+
+    def incoming(self, data):
+        self.heard.append(struct.unpack(">f", data)[0])
+
+    def limit(self, force_n, position_m, now_us, *, follows):
+        self.limits += 1
+        return tuple(2.0 * component for component in force_n)
+
+    def report(self):
+        return {"held_back_share": 0.0}
+
+
+class OffsetSlave:
+    def command(self, position_m, t_us, data):
+        moved = struct.unpack(f">{len(position_m)}d", data)
+        if moved[0] > 1.0:
+            raise PeerError("moved too far")
+        self.moved = moved[0]
+        return tuple(x + by for x, by in zip(position_m, moved, strict=True))
+
+    def answer(self, force_n):
+        return tuple(0.5 * component for component in force_n), struct.pack(">f", self.moved)
+
+
+class Still:
+    axes, duration_us = 1, 10 * SECOND
+
+    def sample(self, t_us):
+        return PositionSample(t_us, (0.003,))
+
+
+def wall(stiffness):
+    layer = Tissue(name="wall", rest_position_m=0.0, stiffness_n_per_m=stiffness, breach_force_n=1e6)
+    return SceneSettings(name=f"wall {stiffness:g}", tissues=(layer,))
+
+
+@pytest.fixture
+def offset(monkeypatch):
+    monkeypatch.setitem(couplings._installed, "offset", Offset)
+
+
+@pytest.mark.parametrize("codec", ["raw", "deadband", "motion-predictive"])
+def test_a_coupling_moves_the_tool_and_changes_the_force_on_both_sides(offset, make_wall, codec):
+    link = virtual_link(scene=make_wall(200.0), codec=codec, operator=Still(), coupling="offset:by_m=0.002")
+    link.run(seconds=1.0)
+    master, slave = link.master_samples(), link.slave_samples()
+    assert master["held_n"][-1] == pytest.approx(200.0 * 0.005, rel=0.06)
+    assert slave["force_n"][-1] == pytest.approx(200.0 * 0.005)
+    assert slave["position_m"][-1] == pytest.approx(0.003), "the codec goes on from the received position"
+    assert link.report().forward_wire_bytes / link.report().samples > 8.0 + 20.0
+
+
+def test_without_loss_the_codec_keeps_its_law_on_the_coupled_vector(offset, make_wall):
+    hand = YieldingOperator(Still(), HANDS["arm"])
+    link = virtual_link(scene=make_wall(50.0), codec="deadband", operator=hand, coupling="offset")
+    link.run(seconds=2.0)
+    assert link.report().exceed_jnd_fraction == 0.0
+
+
+@pytest.mark.parametrize("way", [{"announced": True}, {"predicted": True}, {"positions": "line"}])
+def test_a_coupling_with_two_ends_needs_every_position_at_its_own_place(offset, way):
+    with pytest.raises(SettingsError, match="cannot be combined"):
+        MasterSettings(coupling="offset", **way)
+
+
+def test_a_slave_refuses_a_coupling_that_it_does_not_know(offset, make_wall, monkeypatch):
+    link = virtual_link(scene=make_wall(200.0), operator=Still(), coupling="offset")
+    monkeypatch.delitem(couplings._installed, "offset")
+    link.run(seconds=0.5)
+    master = link._loopback.master
+    assert master.refused
+    assert "unknown coupling 'offset'" in master.end_reason
+
+
+def test_bad_data_of_a_coupling_is_counted_and_answered_with_nothing(offset, make_wall):
+    link = virtual_link(scene=make_wall(200.0), operator=Still(), coupling="offset:by_m=2")
+    link.run(seconds=0.2)
+    (context,) = link._loopback.slave.contexts
+    assert context.session.received.malformed > 100
+    assert context.steps == 0
+    assert not link.master_samples()["held_n"].any()
+
+
+def test_a_coupling_that_fails_ends_the_session_without_a_force(offset, make_wall, monkeypatch):
+    def fails(*_, **__):
+        raise RuntimeError("no more")
+
+    link = virtual_link(scene=make_wall(200.0), operator=Still(), coupling="offset")
+    link.run(seconds=0.2)
+    monkeypatch.setattr(OffsetMaster, "limit", fails)
+    with pytest.raises(UnavailableError, match="the coupling failed: RuntimeError: no more"):
+        link.run(seconds=0.2)
+    assert link.master_samples()["held_n"][-1] == 0.0
+
+
+def test_an_arm_that_oscillates_over_a_delay_comes_to_rest_within_the_bound(make_wall):
+    swings = {}
+    for coupling in ("direct", "energy-bounded"):
+
+        class Press(Still):
+            def sample(self, t_us):
+                return PositionSample(t_us, (min(t_us * 1e-6, 1.0) * 0.03 - 0.005,))
+
+        link = virtual_link(
+            scene=make_wall(500.0), forward="delay=25ms", feedback="delay=25ms", coupling=coupling,
+            operator=YieldingOperator(Press(), HANDS["arm"]),
+        )  # fmt: skip
+        link.run(seconds=4.0)
+        swings[coupling] = np.ptp(link.master_samples()["position_m"][-1000:])
+        report = link.report().master["coupling"]
+    assert swings["direct"] > 0.05
+    assert swings["energy-bounded"] < 2e-4
+    assert report["name"] == "energy-bounded"
+    assert report["held_back_share"] > 0.1
+
+
+@pytest.fixture
+def make_wall():
+    from hapticnet.scene.sources import make_scene
+
+    return lambda stiffness: make_scene(wall(stiffness))
