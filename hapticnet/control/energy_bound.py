@@ -123,7 +123,7 @@ class EnergyBound:
             self._product_j += dot(change_n, move_m)
 
     def _held_j(self, size_n: float, stored_j: float) -> float:
-        """Return the energy [J] that a spring of the stiffness seen lately holds at a force [N]; 0 if it is too stiff."""
+        """Return the energy [J] that a spring of the stiffness seen lately holds at a force [N]; 0 if too stiff."""
         least_j = 0.5 * size_n * size_n / self._stiffest
         if self._squares_m2 <= SMALLEST_MOVE_M * SMALLEST_MOVE_M:
             return least_j

@@ -117,7 +117,7 @@ def test_names_and_parameters_are_checked():
     assert parse_coupling("direct").master(Port(1, LAW, 1000, math.inf)) is None
     with pytest.raises(SettingsError, match="energy-bounded"):
         parse_coupling("energy-bound")
-    with pytest.raises(SettingsError, match="'dampin' .did you mean 'damping'"):
+    with pytest.raises(SettingsError, match=r"'dampin' \(did you mean 'damping'"):
         parse_coupling("energy-bounded:dampin=2")
     with pytest.raises(SettingsError, match="must be KEY=NUMBER"):
         parse_coupling("energy-bounded:damping")

@@ -29,13 +29,13 @@ class Offset:
     def forward_bytes(self, axes):
         return 8 * axes
 
-    def feedback_bytes(self, axes):
+    def feedback_bytes(self, _axes):
         return 4
 
-    def master(self, port):
+    def master(self, _port):
         return OffsetMaster(self)
 
-    def slave(self, port):
+    def slave(self, _port):
         return OffsetSlave()
 
 
@@ -43,13 +43,13 @@ class OffsetMaster:
     def __init__(self, coupling):
         self.by_m, self.heard, self.limits = coupling.by_m, [], 0
 
-    def outgoing(self, position_m, now_us):
+    def outgoing(self, position_m, _now_us):
         return struct.pack(f">{len(position_m)}d", *(self.by_m for _ in position_m))
 
     def incoming(self, data):
         self.heard.append(struct.unpack(">f", data)[0])
 
-    def limit(self, force_n, position_m, now_us, *, follows):
+    def limit(self, force_n, _position_m, _now_us, *, follows):  # noqa: ARG002
         self.limits += 1
         return tuple(2.0 * component for component in force_n)
 
@@ -58,7 +58,7 @@ class OffsetMaster:
 
 
 class OffsetSlave:
-    def command(self, position_m, t_us, data):
+    def command(self, position_m, _t_us, data):
         moved = struct.unpack(f">{len(position_m)}d", data)
         if moved[0] > 1.0:
             raise PeerError("moved too far")
@@ -81,13 +81,16 @@ def wall(stiffness):
     return SceneSettings(name=f"wall {stiffness:g}", tissues=(layer,))
 
 
+pytestmark = pytest.mark.usefixtures("offset")
+
+
 @pytest.fixture
 def offset(monkeypatch):
     monkeypatch.setitem(couplings._installed, "offset", Offset)
 
 
 @pytest.mark.parametrize("codec", ["raw", "deadband", "motion-predictive"])
-def test_a_coupling_moves_the_tool_and_changes_the_force_on_both_sides(offset, make_wall, codec):
+def test_a_coupling_moves_the_tool_and_changes_the_force_on_both_sides(make_wall, codec):
     link = virtual_link(scene=make_wall(200.0), codec=codec, operator=Still(), coupling="offset:by_m=0.002")
     link.run(seconds=1.0)
     master, slave = link.master_samples(), link.slave_samples()
@@ -97,7 +100,7 @@ def test_a_coupling_moves_the_tool_and_changes_the_force_on_both_sides(offset, m
     assert link.report().forward_wire_bytes / link.report().samples > 8.0 + 20.0
 
 
-def test_without_loss_the_codec_keeps_its_law_on_the_coupled_vector(offset, make_wall):
+def test_without_loss_the_codec_keeps_its_law_on_the_coupled_vector(make_wall):
     hand = YieldingOperator(Still(), HANDS["arm"])
     link = virtual_link(scene=make_wall(50.0), codec="deadband", operator=hand, coupling="offset")
     link.run(seconds=2.0)
@@ -105,12 +108,12 @@ def test_without_loss_the_codec_keeps_its_law_on_the_coupled_vector(offset, make
 
 
 @pytest.mark.parametrize("way", [{"announced": True}, {"predicted": True}, {"positions": "line"}])
-def test_a_coupling_with_two_ends_needs_every_position_at_its_own_place(offset, way):
+def test_a_coupling_with_two_ends_needs_every_position_at_its_own_place(way):
     with pytest.raises(SettingsError, match="cannot be combined"):
         MasterSettings(coupling="offset", **way)
 
 
-def test_a_slave_refuses_a_coupling_that_it_does_not_know(offset, make_wall, monkeypatch):
+def test_a_slave_refuses_a_coupling_that_it_does_not_know(make_wall, monkeypatch):
     link = virtual_link(scene=make_wall(200.0), operator=Still(), coupling="offset")
     monkeypatch.delitem(couplings._installed, "offset")
     link.run(seconds=0.5)
@@ -119,7 +122,7 @@ def test_a_slave_refuses_a_coupling_that_it_does_not_know(offset, make_wall, mon
     assert "unknown coupling 'offset'" in master.end_reason
 
 
-def test_bad_data_of_a_coupling_is_counted_and_answered_with_nothing(offset, make_wall):
+def test_bad_data_of_a_coupling_is_counted_and_answered_with_nothing(make_wall):
     link = virtual_link(scene=make_wall(200.0), operator=Still(), coupling="offset:by_m=2")
     link.run(seconds=0.2)
     (context,) = link._loopback.slave.contexts
@@ -128,7 +131,7 @@ def test_bad_data_of_a_coupling_is_counted_and_answered_with_nothing(offset, mak
     assert not link.master_samples()["held_n"].any()
 
 
-def test_a_coupling_that_fails_ends_the_session_without_a_force(offset, make_wall, monkeypatch):
+def test_a_coupling_that_fails_ends_the_session_without_a_force(make_wall, monkeypatch):
     def fails(*_, **__):
         raise RuntimeError("no more")
 
