@@ -18,7 +18,7 @@ from pydantic import BaseModel
 import hapticnet
 from hapticnet.documents import LARGEST_DOCUMENT, MOST_PARTS, parse_document, parse_tables
 from hapticnet.errors import FileError, HapticnetError
-from hapticnet.study.plan import LimitsPlan, QuestionPlan
+from hapticnet.study.plan import LimitsPlan
 from hapticnet.study.screens import Texts
 
 PARTS = ("a", "_-9", '"b c"', "'.'", '"\\"."', '""')
@@ -152,9 +152,7 @@ def test_a_mistake_is_told_in_our_words_whatever_it_is():
         (LimitsPlan, "largest = 0.0", "0.0", "more than 0.0"),
         (LimitsPlan, "references_n = []", "[]", "a list of at least 1"),
         (LimitsPlan, "catch = 'x'", "'x'", "a number"),
-        (QuestionPlan, "text = ' '\nname = 'hand'\nchoices = ['a', 'b']", "' '", "text that is not blank"),
         (Texts, 'language = "en\\n"', r"'en\n'", "the tag of a language, such as 'en' or 'pt-BR'"),
-        (QuestionPlan, "name = 'Hand'", "'Hand'", "1 to 30 small letters, digits and '_', the first a letter"),
     ],
 )
 def test_what_would_be_right_is_told_in_words(model, text, value, words):

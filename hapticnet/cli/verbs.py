@@ -162,7 +162,7 @@ GROUPS: Final[dict[str, tuple[str, ...]]] = {
         "missing", "max-size",
     ),
     "Study": (
-        "participant", "session", "plan", "simulate", "wall-clock", "resume", "analyse", "repeats",
+        "participant", "session", "plan", "simulate", "resume", "analyse", "repeats",
         "shard", "dry-run",
     ),
     "Recording": ("record", "record-dir", "record-format", "record-limit"),

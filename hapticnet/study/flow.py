@@ -11,9 +11,9 @@ from dataclasses import replace
 from typing import Any, Final, Generic
 
 from hapticnet.study import screens
-from hapticnet.study.plan import ASK, LimitsPlan, OrderPlan, Plan, QuestionPlan
+from hapticnet.study.plan import ASK, LimitsPlan, OrderPlan, Plan
 from hapticnet.study.rig import LIFTED, Activity, Fault, Meet, Outcome
-from hapticnet.study.rows import AnyRow, Event, answers_about
+from hapticnet.study.rows import AnyRow, Event
 from hapticnet.study.schedule import Schedule
 from hapticnet.study.screens import Screen, ScreenKind, Screens
 
@@ -27,7 +27,7 @@ class Flow(ABC, Generic[AnyRow]):
 
     `schedule` is a `schedule_kind`; `rows` come from earlier runs of this session, and this run begins at `now_us`
     [µs]. `constants` are values of columns that are the same in all rows: participant, session, observer, device, and
-    the law. `questions` are asked about the participant after the consent.
+    the law.
     """
 
     kind: type[AnyRow]
@@ -42,7 +42,6 @@ class Flow(ABC, Generic[AnyRow]):
         rows: Sequence[AnyRow],
         now_us: int,
         constants: dict[str, Any],
-        questions: Sequence[QuestionPlan] = (),
     ) -> None:
         self.rows = list(rows)
         self.activity: Activity | None = None  # the activity for the rig now; None while only a key is awaited
@@ -53,7 +52,6 @@ class Flow(ABC, Generic[AnyRow]):
         self._plan = plan
         self._schedule = schedule
         self._constants = constants
-        self._questions = questions
         self._screens = Screens(plan.texts)
         self._why = plan.texts.why
         self._fresh: list[AnyRow] = []
@@ -110,11 +108,6 @@ class Flow(ABC, Generic[AnyRow]):
             else:
                 self._emit("end", now_us, reason=NO_CONSENT)
                 self._finish()
-        elif screen.kind is ScreenKind.ABOUT:
-            question = self._unasked()[0]
-            answer = "prefers not to say" if key == screens.PREFER_NOT else question.choices[int(key) - 1]
-            self._emit("question", now_us, since_us=self._shown_us, text=f"{question.name}: {answer}", key=key)
-            self._go_on(now_us)
         elif screen.kind is ScreenKind.BREAK:
             self._emit("break", now_us, since_us=self._shown_us)
             self._met = False  # the finger was out
@@ -182,18 +175,7 @@ class Flow(ABC, Generic[AnyRow]):
                 self._show(self._screens.make(ScreenKind.CONSENT, "consent", "agree", "disagree", text=text), now_us)
                 return
             self._emit("consent", now_us, text=self._plan.consent)
-        unasked = self._unasked()
-        if unasked:
-            choices = [(str(number), choice) for number, choice in enumerate(unasked[0].choices, start=1)]
-            text = unasked[0].text
-            screen = self._screens.make(ScreenKind.ABOUT, "about", "prefer_not", "end", text=text, choices=choices)
-            self._show(screen, now_us)
-        else:
-            self._next(now_us)
-
-    def _unasked(self) -> list[QuestionPlan]:
-        asked = answers_about(self.rows)
-        return [question for question in self._questions if question.name not in asked]
+        self._next(now_us)
 
     def _conclude(self, *, halted: bool) -> None:
         """Let the activity end; the participant sees at once that the key was accepted."""

@@ -218,14 +218,13 @@ class SimulatedFront:
     """A simulated observer instead of the participant: it answers every screen.
 
     Its random numbers depend on `key` (seed, participant, session) and on the number of trials, so a session that
-    continues after a crash draws the same numbers. It `waits` where that costs nothing: in virtual time.
+    continues after a crash draws the same numbers.
     """
 
-    def __init__(self, settings: ObserverSettings, rig: Rig, key: tuple[int, int, int], *, waits: bool) -> None:
+    def __init__(self, settings: ObserverSettings, rig: Rig, key: tuple[int, int, int]) -> None:
         self._settings = settings.of_participant(np.random.default_rng([*key[:2], 20]))
         self._rig = rig
         self._key = *key, 21
-        self._waits = waits
         self._felt: list[Look] = []
 
     async def show(self, flow: Flow[AnyRow]) -> None:
@@ -269,7 +268,7 @@ class SimulatedFront:
         return Observer(self._settings, np.random.default_rng([*self._key, trials]))
 
     async def _take(self, duration_s: float) -> None:
-        if self._waits and math.isfinite(duration_s):
+        if math.isfinite(duration_s):
             await self._rig.wait(round(1e6 * duration_s))
 
 

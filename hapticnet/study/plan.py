@@ -11,7 +11,7 @@ from hapticnet.channel.spec import parse_channel
 from hapticnet.checks import meant
 from hapticnet.codec.registry import make_codec, parse_codec
 from hapticnet.control.force_settings import ForceControlSettings
-from hapticnet.documents import NOT_BLANK, STRICT, parse_document, read_document, text_of
+from hapticnet.documents import STRICT, parse_document, read_document
 from hapticnet.errors import HapticnetError, SettingsError
 from hapticnet.files import user_path
 from hapticnet.hardware import MAX_FORCE_N
@@ -160,16 +160,6 @@ class LinkPlan(BaseModel):
     feedback: Channel = "perfect"
 
 
-class QuestionPlan(BaseModel):
-    """A question about the participant, such as handedness, which is asked once."""
-
-    model_config = STRICT
-
-    name: Annotated[str, text_of("[a-z][a-z0-9_]{0,29}", "1 to 30 small letters, digits and '_', the first a letter")]
-    text: Annotated[str, NOT_BLANK, Field(max_length=1000)]
-    choices: Annotated[list[Annotated[str, NOT_BLANK, Field(max_length=100)]], Field(min_length=2, max_length=9)]
-
-
 def _paper_conditions() -> list[ConditionPlan]:
     deadbands = [ConditionPlan(name=f"{times} JND", multiplier=float(times)) for times in (1, 2, 4)]
     return [ConditionPlan(name="none", codec="raw", multiplier=0.0), *deadbands]
@@ -184,7 +174,6 @@ class Plan(BaseModel):
     masking_noise: bool = False  # whether the page plays white noise from the first press on it
     texts: Annotated[Texts, BeforeValidator(_texts)] = Field(default_factory=english)  # or the path of their file
     consent: str = ASK  # or "none, because " and the reason; the text agreed to is stored as a hash
-    question: Annotated[list[QuestionPlan], Field(max_length=20)] = Field(default_factory=list)
     condition: Annotated[list[ConditionPlan], Field(min_length=1, max_length=20)] = Field(
         default_factory=_paper_conditions
     )
@@ -206,10 +195,8 @@ class Plan(BaseModel):
 
     @model_validator(mode="after")
     def _check(self) -> "Plan":
-        conditions, questions = [each.name for each in self.condition], [each.name for each in self.question]
-        for kind, names in (("conditions", conditions), ("questions", questions)):
-            if len(set(names)) < len(names):
-                raise ValueError(f"two {kind} have the same name")
+        if len({each.name for each in self.condition}) < len(self.condition):
+            raise ValueError("two conditions have the same name")
         law = WeberLaw()
         for condition in self.condition:
             try:

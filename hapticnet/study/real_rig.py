@@ -19,7 +19,6 @@ from hapticnet.runtime.timer import Ticker, either, until
 from hapticnet.runtime.udp import HostPort, open_toward
 from hapticnet.runtime.watching import Watcher, Watchers
 from hapticnet.study.rig import (
-    SETTLE_US,
     TICK_US,
     Activity,
     Fault,
@@ -33,7 +32,7 @@ from hapticnet.study.rig import (
     procedure_of,
 )
 from hapticnet.study.scene import SCENE_SPEC, NamedTissues
-from hapticnet.study.trial import Stimulus, scripted_hand
+from hapticnet.study.trial import Stimulus
 
 if TYPE_CHECKING:
     from hapticnet.node.procedures import Meeting
@@ -44,9 +43,9 @@ CONNECT_WITHIN_S: Final = 10.0
 class RealRig:
     """The chain in real time. Use it as an asynchronous context manager.
 
-    `fingertip`, `wire` and `hand` stay for the whole session; `hand` is a person's, or None for the scripted hand
-    of a simulated observer, which ends trials. `watchers` run beside the hand. The slave at `address` serves
-    `scene.NamedTissues`; None without trials. `tell` is called with lines for the experimenter.
+    `fingertip`, `wire` and `hand` stay for the whole session; `hand` is a person's. `watchers` run beside it. The slave
+    at `address` serves `scene.NamedTissues`; hand and address are None without trials. `tell` is called with lines for
+    the experimenter.
     """
 
     def __init__(
@@ -142,11 +141,10 @@ class RealRig:
             self._procedure = self._performed = None
 
     async def _play(self, stimulus: Stimulus) -> Outcome:
-        if self._address is None:
-            raise UnavailableError("no slave was named")
-        hand = self._hand or scripted_hand(stimulus)
+        if self._address is None or self._hand is None:
+            raise UnavailableError("no slave or no hand was named")
         sock, slave = open_toward(self._address)
-        node = MasterNode(hand, self.fingertip, stimulus.master_settings(self._settings), SystemEntropy())
+        node = MasterNode(self._hand, self.fingertip, stimulus.master_settings(self._settings), SystemEntropy())
         disturbances = _Disturbances(self, node)
         self.deepest_m = -math.inf
         forward, feedback = (None if each.settings.is_perfect else each for each in emulators(stimulus))
@@ -163,10 +161,7 @@ class RealRig:
             if node.scene_name not in (None, NamedTissues.name):
                 wrong = f"the slave at {self._address} serves the scene {node.scene_name!r}"
                 return Fault(f"{wrong}; start it with --scene {SCENE_SPEC}", lost=False)
-            limit_s = stimulus.limit_s
-            if self._hand is None and hand.duration_us is not None:
-                limit_s = (hand.duration_us + SETTLE_US) / 1e6
-            await until(self._stop, limit_s)
+            await until(self._stop, stimulus.limit_s)
         finally:
             node.paused = "the trial is over"  # so that no force is held while the session closes
             self.deepest_m = None

@@ -6,7 +6,7 @@ inapplicable ones are ``n/a``.
 
 import dataclasses
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Final, Literal, TypeAlias, TypeVar, get_args, get_type_hints
 
@@ -15,19 +15,18 @@ from hapticnet.errors import FileError, printable, visible
 MISSING: Final = "n/a"
 
 Event: TypeAlias = Literal[
-    "begin", "consent", "question", "meet", "started", "practice", "trial", "aborted", "repeated", "rating", "break",
+    "begin", "consent", "meet", "started", "practice", "trial", "aborted", "repeated", "rating", "break",
     "noise", "stopped", "end",
 ]  # fmt: skip
 """The kind of a row.
 
 ``begin``: the session began, or continued after a crash. ``consent``: the participant agreed, or ``text`` says why the
-plan asks for no consent. ``question``: the answer to a question about the participant, in ``text``. ``meet``: the
-platform found the finger. ``started``: the presentation of a trial or pair began. ``practice``: a practice trial was
-answered. ``trial``: a trial was answered; only these are analysed. ``aborted``: a trial ended without a valid answer,
-for ``reason``, and is repeated. ``repeated``: a trial was answered, but the device did not deliver its forces; it is
-repeated. ``rating``: a quality of experience was given for the block. ``break``: a break is over. ``noise``: the page
-plays masking noise at the level in ``text``, a share of full scale; 0 is off. ``stopped``: the session was ended early,
-for ``reason``; it can continue. ``end``: the session is complete.
+plan asks for no consent. ``meet``: the platform found the finger. ``started``: the presentation of a trial or pair
+began. ``practice``: a practice trial was answered. ``trial``: a trial was answered; only these are analysed.
+``aborted``: a trial ended without a valid answer, for ``reason``, and is repeated. ``repeated``: a trial was answered,
+but the device did not deliver its forces; it is repeated. ``rating``: a quality of experience was given for the block.
+``break``: a break is over. ``noise``: the page plays masking noise at the level in ``text``, a share of full scale; 0
+is off. ``stopped``: the session was ended early, for ``reason``; it can continue. ``end``: the session is complete.
 """
 
 
@@ -147,12 +146,6 @@ class LimitsRow(Row):
 
 
 AnyRow = TypeVar("AnyRow", bound=Row)
-
-
-def answers_about(rows: Iterable[Row]) -> dict[str, str]:
-    """Return the answers about a participant, by the name of the question."""
-    answers = (row.text.partition(": ") for row in rows if row.event == "question" and row.text)
-    return {name: answer for name, _, answer in answers}
 
 
 def columns(kind: type[Row]) -> dict[str, str]:

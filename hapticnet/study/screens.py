@@ -22,13 +22,12 @@ SAME: Final = "s"
 DIFFERENT: Final = "d"
 YES: Final = "y"
 NO: Final = "n"
-PREFER_NOT: Final = "0"
 RATING_KEYS: Final = tuple("1234567")
 READ_US: Final = 1_000_000  # feedback stays this long [µs]: an early Enter was meant for the previous screen
 Keys: TypeAlias = tuple[tuple[str, str], ...]  # active keys, with their effects
 KEYS: Final = {  # the key of each action, by the name of its text
     "go_on": ENTER, "confirm": ENTER, "undo": BACKSPACE, "end": ESCAPE, "stop": ESCAPE, "agree": YES, "disagree": NO,
-    "same": SAME, "different": DIFFERENT, "first": "1", "second": "2", "prefer_not": PREFER_NOT,
+    "same": SAME, "different": DIFFERENT, "first": "1", "second": "2",
 }  # fmt: skip
 
 SHIPPED: Final = "the texts that are shipped"  # set while validating without a comparison with itself
@@ -108,7 +107,6 @@ class ScreenKind(enum.StrEnum):
 
     INSTRUCTIONS = "instructions"
     CONSENT = "consent"
-    ABOUT = "about"
     MEET = "meet"
     PRACTICE = "practice"
     TRIAL = "trial"

@@ -22,11 +22,11 @@ from hapticnet.runtime.recorder import about_master, event_text
 from hapticnet.runtime.system import start_background
 from hapticnet.study.flow import Flow
 from hapticnet.study.fronts import Front
-from hapticnet.study.plan import PLAN_FILE, Plan, QuestionPlan, find_plan
+from hapticnet.study.plan import PLAN_FILE, Plan, find_plan
 from hapticnet.study.rig import Outcome, Rig
-from hapticnet.study.rows import AnyRow, LimitsRow, OrderRow, Row, answers_about
+from hapticnet.study.rows import AnyRow, OrderRow, Row
 from hapticnet.study.schedule import Schedule, participant_number
-from hapticnet.study.store import Store, opened, read_table, stored_schedule, table_files
+from hapticnet.study.store import Store, opened, read_table, stored_schedule
 from hapticnet.study.tasks import LIMITS, ORDER, PRACTICE, LimitsFlow, OrderFlow, device_errors_n
 from hapticnet.study.trial import Played
 from hapticnet.study.weber import ParticipantFile, load_participant, participant_file
@@ -47,20 +47,9 @@ class SessionSettings:
     observer: str | None  # name of the simulated observer; None for a person
     device: str
     resume: bool = False  # whether to continue an interrupted session
-    hurried: bool = False  # whether to skip breaks, for a simulated observer in real time
     # Whether a continued session is replayed from its start, and must reproduce the stored rows: in virtual time,
     # where device and hand would otherwise differ from those of an uninterrupted session.
     replays: bool = False
-
-    @property
-    def conducted_plan(self) -> Plan:
-        """The plan in use."""
-        if not self.hurried:
-            return self.plan
-        parts = {"order": self.plan.order, "limits": self.plan.limits}
-        return self.plan.model_copy(
-            update={name: part.model_copy(update={"break_s": 0.0}) for name, part in parts.items()}
-        )
 
     @property
     def folder(self) -> Path:
@@ -208,21 +197,10 @@ def open_session(settings: SessionSettings, now_us: int) -> Iterator[tuple[Flow[
     if settings.task == ORDER:
         law = law_of_participant(settings)
         constants |= {"weber_fraction": law.law.weber_fraction, "floor_n": law.law.floor_n, "jnd_source": law.source}
-    schedule, questions, levels = settings.schedule(), _questions(settings), settings.plan.texts.levels
+    schedule, levels = settings.schedule(), settings.plan.texts.levels
     with opened(settings.table, flow.kind, schedule.to_json(), resume=settings.resume, levels=levels) as store:
         rows = _rows_to_go_on_with(settings, store)
-        yield flow(settings.conducted_plan, schedule, rows, now_us, constants, questions), store
-
-
-def _questions(settings: SessionSettings) -> list[QuestionPlan]:
-    """Return the questions about a person: each once, in the first session."""
-    folder = settings.out / f"sub-{settings.participant}"
-    if settings.observer is not None or not settings.plan.question or not folder.is_dir():
-        return list(settings.plan.question) if settings.observer is None else []
-    tables = [(file, kind) for kind in (OrderRow, LimitsRow) for file in table_files(folder, kind)]
-    rows: list[Row] = [row for file, kind in tables for row in read_table(file, kind)]
-    asked = answers_about(rows)
-    return [question for question in settings.plan.question if question.name not in asked]
+        yield flow(settings.plan, schedule, rows, now_us, constants), store
 
 
 def _rows_to_go_on_with(settings: SessionSettings, store: Store[Any]) -> list[Any]:

@@ -3,9 +3,7 @@
 import pytest
 
 from hapticnet.study import screens
-from hapticnet.study.plan import QuestionPlan
 from hapticnet.study.rig import LIFTED, Fault, Meet, Pair
-from hapticnet.study.rows import answers_about
 from hapticnet.study.schedule import LimitsSchedule, OrderSchedule
 from hapticnet.study.screens import ScreenKind
 from hapticnet.study.tasks import LimitsFlow, OrderFlow
@@ -16,8 +14,8 @@ CONSTANTS = {"participant": "03", "session": 1, "observer": None, "device": "giv
 LAW = {"weber_fraction": 0.07, "floor_n": 0.035}
 
 
-def ordering(rows=(), plan=SMALL, now_us=0, asked=()):
-    return Person(OrderFlow(plan, OrderSchedule.draw(plan, "03", 1, 7), rows, now_us, CONSTANTS | LAW, asked), now_us)
+def ordering(rows=(), plan=SMALL, now_us=0):
+    return Person(OrderFlow(plan, OrderSchedule.draw(plan, "03", 1, 7), rows, now_us, CONSTANTS | LAW), now_us)
 
 
 def limits(rows=(), plan=SMALL, now_us=0):
@@ -287,23 +285,6 @@ def test_a_study_without_consent_on_the_screen_stores_why():
     person.press(screens.ENTER)
     assert person.rows("consent")[0].text == plan.consent
     assert person.flow.screen.kind is ScreenKind.PRACTICE
-
-
-def test_each_question_about_the_participant_is_asked_once_after_the_consent():
-    asked = [
-        QuestionPlan(name="hand", text="Which hand do you write with?", choices=["right", "left"]),
-        QuestionPlan(name="age", text="How old are you?", choices=["18 to 39", "40 or more"]),
-    ]
-
-    person = ordering(asked=asked)
-    person.press(screens.ENTER, screens.YES)
-    assert person.flow.screen.text == "Which hand do you write with?"
-    person.press("3", "2")
-    assert person.flow.screen.text == "How old are you?"
-    again = ordering(person.flow.rows, asked=asked)
-    again.press(screens.ENTER, screens.PREFER_NOT)
-    assert answers_about(again.flow.rows) == {"hand": "left", "age": "prefers not to say"}
-    assert again.flow.screen.kind is ScreenKind.PRACTICE
 
 
 @pytest.mark.parametrize(

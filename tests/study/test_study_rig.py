@@ -17,8 +17,9 @@ from hapticnet.operator.trace import TraceOperator
 from hapticnet.perception import WeberLaw
 from hapticnet.recordings.session.reading import read_session
 from hapticnet.recordings.session.session import in_force
+from hapticnet.runtime.processes import Child
 from hapticnet.runtime.runners import MasterRunner
-from hapticnet.runtime.udp import HostPort
+from hapticnet.runtime.udp import HostPort, parse_host_port
 from hapticnet.study import screens
 from hapticnet.study.real_rig import RealRig
 from hapticnet.study.rig import LIFTED_US, Fault, LiftWatch, Meet, Pair, VirtualRig
@@ -131,8 +132,10 @@ def test_an_activity_is_stopped_even_while_the_session_before_it_closes(monkeypa
         await asyncio.sleep(0.1)
         await finish(runner, reason)
 
+    hand = scripted_hand(STIMULUS)
+
     async def stop_each():
-        async with RealRig(fingertip(), MasterSettings(), HostPort("127.0.0.1", 9), tell=print) as rig:
+        async with RealRig(fingertip(), MasterSettings(), HostPort("127.0.0.1", 9), tell=print, hand=hand) as rig:
             for _ in range(3):
                 activity = asyncio.ensure_future(rig.run(STIMULUS))
                 await asyncio.sleep(0)
@@ -142,6 +145,20 @@ def test_an_activity_is_stopped_even_while_the_session_before_it_closes(monkeypa
 
     monkeypatch.setattr(MasterRunner, "finish", finish_later)
     asyncio.run(stop_each())
+
+
+def test_a_slave_with_another_scene_is_told_and_plays_no_trial():
+    async def play(address):
+        rig = RealRig(fingertip(), MasterSettings(), address, tell=print, hand=scripted_hand(STIMULUS))
+        async with rig:
+            return await rig.run(STIMULUS)
+
+    slave = Child(["slave", "--listen", "127.0.0.1:0", "--scene", "paper"])
+    try:
+        outcome = asyncio.run(play(parse_host_port(slave.address())))
+    finally:
+        slave.end()
+    assert "start it with --scene hapticnet.study.scene:NamedTissues" in outcome.reason
 
 
 def test_a_finger_that_is_lifted_is_noticed_and_one_that_is_not_pressed_is_not():

@@ -1,12 +1,10 @@
-"""Sessions of simulated observers from the command line: complete, over UDP, interrupted, refused."""
+"""Sessions of simulated observers from the command line: complete, interrupted, refused."""
 
 import dataclasses
 import json
 
 import pytest
 
-from hapticnet.errors import UnavailableError
-from hapticnet.runtime.processes import Child
 from hapticnet.study.rows import LimitsRow, OrderRow
 from hapticnet.study.store import read_table
 from hapticnet.study.weber import load_participant
@@ -74,7 +72,6 @@ def test_a_study_of_simulated_observers_ends_with_report_and_figures_and_is_not_
     refused = {
         words: "continue it with --resume, or choose another --session",
         ("--participant", "03", "--simulate", "literature"): "differs from the given plan",
-        ("--participant", "03", "--wall-clock"): "--wall-clock is for simulated observers",
         ("--participant", "03-04",): "several at once are for --simulate",
         ("--participant", "03", "--plan", "plan.toml", "--device", "none"): "unknown device 'none'",
     }  # fmt: skip
@@ -160,30 +157,3 @@ def test_people_and_simulated_observers_are_kept_in_folders_apart(folder):
     simulated = experiment(folder, "order", "--participant", "02-03", *words[2:], "--simulate", "literature")
     assert_only_line(simulated, "study has answers of a person (participant 01)", code=2)
     assert sorted(each.name for each in (folder / "study").iterdir()) == ["participants", "plan.toml", "sub-01"]
-
-
-def test_a_simulated_session_over_udp_ends_with_report_and_recordings(folder):
-    text = PLAN.replace("practice = 1", "practice = 0\nleast_delivered = 0.2")
-    (folder / "plan.toml").write_text(text.replace('[[condition]]\nname = "none"\ncodec = "raw"\n', ""))
-    words = ("--participant", "01", "--plan", "plan.toml", "--simulate", "force-only", "--wall-clock")
-    done = experiment(folder, "order", *words)
-    assert done.returncode == 0, done.stderr
-    rows = read_table(folder / TABLE.format("01"), OrderRow)
-    assert sorted(row.this_n for row in rows if row.event == "trial") == [0]
-    assert (folder / "study/results/report.md").exists()
-    recordings = list((folder / "study/sub-01/ses-1/order/recordings").iterdir())
-    assert {file.suffix for file in recordings} == {".npz"}
-    told = hapticnet("info", recordings[0], "--json")
-    assert json.loads(told.stdout)["complete"] is True
-
-
-def test_a_slave_with_another_scene_is_told_and_plays_no_trial(folder):
-    (folder / "plan.toml").write_text(PLAN.replace("trials = 1", "trials = 1\nmost_attempts = 1"))
-    slave = Child(["slave", "--listen", "127.0.0.1:0", "--scene", "paper"])
-    try:
-        words = ("--participant", "01", "--plan", "plan.toml", "--simulate", "literature", "--wall-clock", "--connect")
-        done = experiment(folder, "order", *words, slave.address())
-    finally:
-        slave.end()
-    assert done.returncode == UnavailableError.exit_code
-    assert "start it with --scene hapticnet.study.scene:NamedTissues" in done.stderr.splitlines()[-1]

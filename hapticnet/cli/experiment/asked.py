@@ -40,9 +40,6 @@ class LimitsOptions:
         str | None,
         typer.Option(metavar="OBSERVER", help="A simulated observer in the participant's place, such as literature."),
     ] = None
-    wall_clock: Annotated[
-        bool, typer.Option(help="Run a simulated observer in real time, like a person, not in virtual time.")
-    ] = False
     jobs: options.Jobs = None
     resume: Annotated[bool, typer.Option(help="Continue an interrupted session.")] = False
     json: options.Json = False

@@ -74,7 +74,6 @@ def run(asked: LimitsOptions) -> None:
     if asked.page is None and isinstance(asked, OrderOptions) and asked.operator == "page":
         raise SettingsError("--operator page needs --page")
     observer = None if asked.simulate is None else parse_observer(asked.simulate)
-    virtual = observer is not None and not asked.wall_clock
     sessions = _sessions(asked, find_plan(asked.plan), observer)
     plan = sessions[0].plan
     known = devices.load(asked.profile)
@@ -94,13 +93,13 @@ def run(asked: LimitsOptions) -> None:
         )
     for law, people in laws.items():
         console.say(f"participant {', '.join(people)}: {law}")
-    if virtual:
+    if observer is not None:
         trials = len(sessions) * len(plan.condition) * plan.order.trials
         counted = f"of {trials} trials" if is_order else "pairs"
         accounts = conduct_all(_conduct_in_virtual_time, (known, observer), sessions, asked.jobs, console, counted)
     else:
         with _socket_of_page(asked.page, console) as opened:
-            accounts = [_conduct_in_real_time(asked, sessions[0], known, observer, opened, console)]
+            accounts = [_conduct_in_real_time(asked, sessions[0], known, opened, console)]
     console.finish()
     for account in accounts:
         for told in (*(f"excluded: {why}" for why in account.get("excluded", ())), *account.get("warnings", ())):
@@ -115,11 +114,9 @@ def run(asked: LimitsOptions) -> None:
 
 
 def _sessions(asked: LimitsOptions, plan: Plan, observer: ObserverSettings | None) -> list[SessionSettings]:
-    if asked.wall_clock and observer is None:
-        raise SettingsError("--wall-clock is for simulated observers; a session with a person always runs in real time")
     participants = _participants(asked.participant)
-    if len(participants) > 1 and (observer is None or asked.wall_clock):
-        raise SettingsError(f"participants {asked.participant}: several at once are for --simulate in virtual time")
+    if len(participants) > 1 and observer is None:
+        raise SettingsError(f"participants {asked.participant}: several at once are for --simulate")
     sessions = [
         SessionSettings(
             task=ORDER if isinstance(asked, OrderOptions) else LIMITS,
@@ -131,8 +128,7 @@ def _sessions(asked: LimitsOptions, plan: Plan, observer: ObserverSettings | Non
             observer=None if observer is None else observer.name,
             device=asked.device,
             resume=asked.resume,
-            hurried=asked.wall_clock,
-            replays=asked.resume and observer is not None and not asked.wall_clock,
+            replays=asked.resume and observer is not None,
         )
         for participant in participants
     ]
@@ -170,9 +166,9 @@ def _conduct_in_virtual_time(
     device_seed = settings.seed + participant_number(settings.participant)
     with devices.virtual_device(settings.device, known, device_seed) as made:
         if made is None:
-            raise SettingsError(f"device {settings.device!r} cannot run in virtual time; add --wall-clock")
+            raise SettingsError(f"device {settings.device!r} cannot run in virtual time, as --simulate does")
         rig = VirtualRig(Fingertip(made, LimitSettings(), devices.control_settings(known)), MasterSettings())
-        front = SimulatedFront(observer, rig, _seeds(settings), waits=True)
+        front = SimulatedFront(observer, rig, _seeds(settings))
         keep = record_trials(settings, {"device": settings.device})
         with open_session(settings, rig.now_us()) as (flow, store):
             asyncio.run(conduct(flow, rig, front, store, on_outcome=keep, on_row=on_row))
@@ -183,21 +179,19 @@ def _conduct_in_real_time(
     asked: LimitsOptions,
     settings: SessionSettings,
     known: Profile,
-    observer: ObserverSettings | None,
     opened: "tuple[socket.socket, Access] | None",
     console: Console,
 ) -> dict[str, Any]:
-    """Conduct a session with a person at a page or a terminal, or with a simulated observer; return its account."""
+    """Conduct a session with a person at a page or a terminal; return its account."""
     source = "nobody"
     hand: Operator | None = None
     page: ParticipantPage | None = None
     watchers: tuple[Watcher[NodeEvent], ...] = ()
     if isinstance(asked, OrderOptions):
         source = asked.operator or ("udp:47810" if opened is None else "page")
-        if observer is None:
-            warn = lambda line: console.say(f"warning: {line}")  # noqa: E731
-            made = make_operator(source, insertions=1, seed=settings.seed, say=console.say, warn=warn)
-            hand, watchers = made.operator, tuple(made.watchers)
+        warn = lambda line: console.say(f"warning: {line}")  # noqa: E731
+        made = make_operator(source, insertions=1, seed=settings.seed, say=console.say, warn=warn)
+        hand, watchers = made.operator, tuple(made.watchers)
     if opened is not None:
         from hapticnet.study import page as pages  # it needs the extra web
         from hapticnet.web.server import Server
@@ -213,8 +207,7 @@ def _conduct_in_real_time(
         open_session(settings, now_us()) as (flow, store),
     ):
         rig = RealRig(fingertip, master_settings, address, tell=console.say, wire=wire, hand=hand, watchers=watchers)
-        about = {"operator": source if observer is None else "scripted", "connect": str(address)}
-        keep = record_trials(settings, about)
+        keep = record_trials(settings, {"operator": source, "connect": str(address)})
 
         async def session() -> None:
             prefer_realtime()
@@ -222,10 +215,7 @@ def _conduct_in_real_time(
             assert task is not None  # noqa: S101 - for the type checker
             asyncio.get_running_loop().add_signal_handler(signal.SIGTERM, task.cancel)
             async with rig:
-                if observer is not None:
-                    front = SimulatedFront(observer, rig, _seeds(settings), waits=False)
-                    await conduct(flow, rig, front, store, on_outcome=keep)
-                elif page is not None:
+                if page is not None:
                     with Keyboard(page.hear_experimenter):
                         await conduct(flow, rig, page, store, on_outcome=keep)
                 else:
