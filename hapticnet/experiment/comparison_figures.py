@@ -1,4 +1,4 @@
-"""Figures of a comparison, one per question: packets and bytes against error, distance from the optimum, signal."""
+"""Figures of a comparison, one per question: packets and bytes against error, signal."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -9,7 +9,7 @@ import numpy as np
 from hapticnet.codec.base import Codec
 from hapticnet.experiment.comparison import Row, codec_label, encode_trial
 from hapticnet.experiment.signal_figure import Signal, draw_signal
-from hapticnet.experiment.style import BLUE, INK, check_format, draw_codecs, finish_axes, legend, picture, pyplot
+from hapticnet.experiment.style import INK, check_format, draw_codecs, finish_axes, legend, picture, pyplot
 from hapticnet.experiment.summary import HOLD_OPTIMUM, LINE_OPTIMUM, METHOD, Block, blocks, means
 from hapticnet.experiment.trials import Trial
 
@@ -41,7 +41,7 @@ class Figures:
         pyplot()
         self._trials, self._seed = trials, seed
         self._codec = next((codec for codec in codecs if codec.name != "raw"), codecs[0])
-        names = ["packets-against-error", "bytes-against-error", "packets-over-optimum"]
+        names = ["packets-against-error", "bytes-against-error"]
         if all(codec.name == "raw" for codec in codecs):
             names = []  # raw has no error to use as an axis
         names += [f"signal-{number}-{_stem(trial.name)}" for number, trial in enumerate(trials, start=1)]
@@ -51,13 +51,10 @@ class Figures:
         """Draw the figures of the rows of the comparison, all of the same trials, and return their files."""
         single = blocks(rows)
         shown = means(single) or single
-        *rates, signals = self.files[: -len(self._trials)], self.files[-len(self._trials) :]
-        if rates[0]:
-            packets, size, optimum = rates[0]
-            _draw_rates(shown, packets, "packets_per_s", "packets/s", 1.0)
-            _draw_rates(shown, size, "wire_bytes_per_s", "kB/s, headers included", 1e-3)
-            _draw_optimum(shown, optimum)
-        for trial, file in zip(self._trials, signals, strict=True):
+        if len(self.files) > len(self._trials):
+            _draw_rates(shown, self.files[0], "packets_per_s", "packets/s", 1.0)
+            _draw_rates(shown, self.files[1], "wire_bytes_per_s", "kB/s, headers included", 1e-3)
+        for trial, file in zip(self._trials, self.files[-len(self._trials) :], strict=True):
             signal = codec_signal(self._codec, trial, loss=rows[0].loss, seed=self._seed)
             title = f"{trial.name}: {codec_label(self._codec)}, threshold {self._codec.law.multiplier:g} JND"
             draw_signal(signal, file, window_s=_busiest(signal), title=title)
@@ -80,7 +77,7 @@ def codec_signal(codec: Codec, trial: Trial, *, loss: float = 0.0, seed: int = 0
 def _draw_rates(shown: Sequence[Block], file: Path, key: str, label: str, factor: float) -> None:
     with picture(file, HEIGHT_IN) as figure:
         axes = figure.subplots()
-        draw_codecs(axes, _lines(shown, (ERROR, 1.0), (key, factor)))
+        draw_codecs(axes, _lines(shown, key, factor))
         for name, dash in OPTIMA.items():
             # An optimum's error is only bounded by its threshold, so it is drawn at the deadband's.
             line = [
@@ -100,54 +97,15 @@ def _draw_rates(shown: Sequence[Block], file: Path, key: str, label: str, factor
         _finish(figure, axes, shown, _without_raw(shown, key, factor, label))
 
 
-def _draw_optimum(shown: Sequence[Block], file: Path) -> None:
-    key = "over_optimum"
-    lines = _lines(shown, ("multiplier", 1.0), (key, 1.0))
-    optimum = sorted(
-        (block.settings.multiplier, line.values[key])
-        for block in shown
-        for line in block.lines
-        if line.label == LINE_OPTIMUM
-    )
-    with picture(file, HEIGHT_IN) as figure:
-        axes = figure.subplots()
-        looks: list[dict[str, Any]] = [
-            {"linestyle": dash, "color": INK, "linewidth": 1.0, "label": name} for name, dash in OPTIMA.items()
-        ]
-        told = "packets over the fewest of any hold"
-        if all(len(line) == 1 for line in lines.values()):
-            # At one threshold a row for each codec is clearer than stacked points.
-            ordered = sorted(lines.items(), key=lambda item: -item[1][0][1])
-            for place, (_, [(_, value, _, half_width)]) in enumerate(ordered):
-                axes.errorbar(value, place, xerr=half_width or None, fmt="o", color=BLUE, capsize=2.0)
-            axes.set_yticks(range(len(ordered)), [label for label, _ in ordered])
-            axes.axvline(1.0, **looks[0])
-            axes.axvline(optimum[0][1], **looks[1])
-            axes.set_xlabel(told)
-        else:
-            draw_codecs(axes, lines)
-            axes.axhline(1.0, **looks[0])
-            axes.plot(*zip(*optimum, strict=True), **looks[1])
-            finish_axes(axes, across="log")
-            values = [value for value, _ in optimum]
-            if len(values) <= MOST_TICKS:
-                axes.set_xticks(values, [f"{value:g}" for value in values])
-            axes.set_xlabel(THRESHOLD)
-            axes.set_ylabel(told)
-        _finish(figure, axes, shown, _without_raw(shown, key, 1.0, "times the fewest of any hold"))
-
-
-def _lines(
-    shown: Sequence[Block], across: tuple[str, float], up: tuple[str, float]
-) -> dict[str, list[tuple[float, ...]]]:
-    """Return points (x, y, half width of x, half width of y) of each codec, one for each threshold."""
+def _lines(shown: Sequence[Block], key: str, factor: float) -> dict[str, list[tuple[float, ...]]]:
+    """Return points (error, figure, half width of either) of each codec, one for each threshold."""
     lines: dict[str, list[tuple[float, ...]]] = {}
     for block in sorted(shown, key=lambda block: block.settings.multiplier):
         for line in block.lines:
-            if line.codec not in (None, "raw") and all(line.values[key] is not None for key, _ in (across, up)):
-                point = [factor * line.values[key] for key, factor in (across, up)]
-                half_widths = [factor * line.half_widths.get(key, 0.0) for key, factor in (across, up)]
-                lines.setdefault(line.label, []).append((*point, *half_widths))
+            if line.codec not in (None, "raw"):
+                half_widths = line.half_widths.get(ERROR, 0.0), factor * line.half_widths.get(key, 0.0)
+                point = line.values[ERROR], factor * line.values[key], *half_widths
+                lines.setdefault(line.label, []).append(point)
     return lines
 
 
@@ -156,8 +114,6 @@ def _without_raw(shown: Sequence[Block], key: str, factor: float, unit: str) -> 
     values = [factor * line.values[key] for block in shown for line in block.lines if line.codec == "raw"]
     if not values:
         return ""
-    if key == "over_optimum" and len(values) < len(shown):
-        return "\nnot drawn: raw"
     ends = dict.fromkeys(f"{end:,.4g}" for end in (min(values), max(values)))
     return f"\nnot drawn: raw, {' to '.join(ends)} {unit}"
 

@@ -12,17 +12,6 @@ from hapticnet.perception import WeberLaw
 LAW_KEYS: Final = ("multiplier", "weber_fraction", "floor_n")
 
 
-def spread(first: float, last: float, count: int, *, in_ratios: bool = False) -> list[float]:
-    """Return values from the first to the last in equal steps, or in equal ratios, if both are above 0."""
-    shares = [step / max(count - 1, 1) for step in range(count)]
-    if in_ratios:
-        values = [first * (last / first) ** share for share in shares]
-    else:
-        values = [first + (last - first) * share for share in shares]
-    # Twelve digits, so that a range has 0.3 in it and not 0.30000000000000004.
-    return [float(f"{value:.12g}") for value in values]
-
-
 def grid_codecs(names: Sequence[str], grid: Mapping[str, Sequence[float]]) -> list[Codec]:
     """Return the codecs in `names` with every combination of the law and the parameters in a grid; raw only once.
 

@@ -1,7 +1,7 @@
 """A study as its file states it: STUDY.toml with the values of its axes, and the number of repeats."""
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, Final, Literal, TypeAlias, TypeVar
@@ -12,51 +12,24 @@ from hapticnet.channel.settings import BernoulliLoss, format_time, parse_jitter,
 from hapticnet.channel.spec import parse_channel
 from hapticnet.documents import STRICT, parse_document, read_document
 from hapticnet.errors import HapticnetError
-from hapticnet.experiment.grid import spread
 from hapticnet.perception import PAPER_FLOOR_N, PAPER_WEBER_FRACTION
 
 MOST_RUNS: Final = 10**9
 MOST_REPEATS: Final = 10**8
 MOST_VALUES: Final = 10_000
-RANGE_KEYS: Final = ("from", "to", "count", "spacing")
-SPACINGS: Final = ("linear", "ratio")
-FORMS: Final = "one value, a list of values, or a range such as { from = 1, to = 4, count = 7 }"
+FORMS: Final = "one value or a list of values"
 NONE: Final = "none"
 Value = TypeVar("Value")
 
 
 def _as_list(given: Any) -> list[Any]:
-    """Return the values of an axis, also of a range. Raise ValueError with a message for a person."""
-    if isinstance(given, Mapping):
-        return _range(given)
+    """Return the values of an axis. Raise ValueError with a message for a person."""
     values = given if isinstance(given, list) else [given]
     if not values:
         raise ValueError(f"an axis needs at least one value; write {FORMS}")
     if len(values) > MOST_VALUES:
         raise ValueError(f"an axis has at most {MOST_VALUES} values, and this one has {len(values)}")
     return values
-
-
-def _range(given: Mapping[str, Any]) -> list[Any]:
-    unknown = [key for key in given if key not in RANGE_KEYS]
-    missing = [key for key in RANGE_KEYS[:3] if key not in given]
-    if unknown or missing:
-        wrong = f"has no key {unknown[0]!r}" if unknown else f"needs {missing[0]!r}"
-        raise ValueError(f"a range {wrong}; write {{ from = 1, to = 4, count = 7 }}, and spacing = 'ratio' if wanted")
-    first, last, count, spacing = given["from"], given["to"], given["count"], given.get("spacing", SPACINGS[0])
-    if not isinstance(count, int) or isinstance(count, bool) or not 1 <= count <= MOST_VALUES:
-        raise ValueError(f"the count of a range must be a whole number from 1 to {MOST_VALUES}; it is {count!r}")
-    if spacing not in SPACINGS:
-        raise ValueError(f"the spacing of a range must be {' or '.join(SPACINGS)}; it is {spacing!r}")
-    are_times = isinstance(first, str) and isinstance(last, str)
-    if are_times:
-        first, last = _in_words(parse_time_us, first), _in_words(parse_time_us, last)
-    elif not (_is_number(first) and _is_number(last)):
-        raise ValueError(f"the ends of a range must be two numbers or two times; they are {first!r} and {last!r}")
-    if spacing == "ratio" and not (first > 0 and last > 0):
-        raise ValueError(f"a range in equal ratios must be above 0; it is from {first:g} to {last:g}")
-    values = spread(first, last, count, in_ratios=spacing == "ratio")
-    return [format_time(round(each)) for each in values] if are_times else values
 
 
 def _numbers(given: Any) -> list[float]:

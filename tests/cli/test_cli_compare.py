@@ -111,7 +111,7 @@ def test_loss_and_two_axes_are_told_in_the_table(traces):
     assert "lost at random" in " ".join(done.stdout.split())
 
 
-FIGURES = ("bytes-against-error", "packets-against-error", "packets-over-optimum", "signal-1-force0")
+FIGURES = ("bytes-against-error", "packets-against-error", "signal-1-force0")
 
 
 def test_figures_are_overwritten_only_on_demand_and_the_same_each_time(traces, tmp_path):
@@ -138,7 +138,7 @@ def test_several_recordings_and_a_constant_force_are_drawn_in_any_format(traces,
     assert done.returncode == 0, done.stderr
     assert all(line.startswith("compare: picture") for line in done.stderr.splitlines())
     drawn = list((tmp_path / "plots").iterdir())
-    assert len(drawn) == recordings + 3
+    assert len(drawn) == recordings + 2
     assert all(file.suffix == f".{form}" and file.read_bytes().startswith(start) for file in drawn)
 
 
