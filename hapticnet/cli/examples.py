@@ -16,7 +16,6 @@ EXAMPLES: Final[dict[tuple[str, ...], tuple[str, ...]]] = {
         "hapticnet experiment analyse study",
     ),
     ("sweep",): (
-        "hapticnet sweep run studies/rate-distortion.toml --dry-run",
         "hapticnet sweep studies/rate-distortion.toml --out-dir results/rates",
         "hapticnet sweep show results/rates --plot rates.png",
     ),

@@ -55,7 +55,6 @@ def run(
     shard: Annotated[
         int | None, typer.Option(metavar="N", help="Runs in each file of results; default: as many as take about 3 s.")
     ] = None,
-    dry_run: Annotated[bool, typer.Option(help="Only check the study, count its runs and time a few of them.")] = False,
     json: options.Json = False,
     report: options.Report = None,
     quiet: options.Quiet = False,
@@ -81,11 +80,6 @@ def run(
     plan = plan_of(file, repeats)
     check_outputs(report, inputs=[study])
     cores = len(os.sched_getaffinity(0)) if jobs is None else jobs
-    if dry_run:
-        counts = {"combinations": plan.cells, "repeats": plan.repeats, "runs": plan.runs, "workers": cores}
-        found = engine.estimate(plan, cores, shard_runs=shard)
-        deliver({"study": plan.name, **counts, **found}, as_json=json, file=report)
-        return
     if out_dir is None:
         raise SettingsError("--out-dir DIR is missing: the folder of the results")
     store = Store(out_dir)

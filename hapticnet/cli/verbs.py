@@ -163,7 +163,7 @@ GROUPS: Final[dict[str, tuple[str, ...]]] = {
     ),
     "Study": (
         "participant", "session", "plan", "simulate", "resume", "analyse", "repeats",
-        "shard", "dry-run",
+        "shard",
     ),
     "Recording": ("record", "record-dir", "record-format", "record-limit"),
     "Page and monitoring": ("page", "metrics"),

@@ -217,8 +217,7 @@ def in_lines(screen: Screen, texts: Texts, now_us: int) -> list[str]:
 class SimulatedFront:
     """A simulated observer instead of the participant: it answers every screen.
 
-    Its random numbers depend on `key` (seed, participant, session) and on the number of trials, so a session that
-    continues after a crash draws the same numbers.
+    Its random numbers depend on `key`, which is seed, participant and session, and on the number of trials.
     """
 
     def __init__(self, settings: ObserverSettings, rig: Rig, key: tuple[int, int, int]) -> None:

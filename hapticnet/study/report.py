@@ -1,4 +1,4 @@
-"""The report of a study in Markdown, and its figures as CSV."""
+"""The report of a study in Markdown."""
 
 import math
 from collections.abc import Iterable, Sequence
@@ -6,7 +6,6 @@ from statistics import fmean
 from typing import Final, TypeAlias
 
 from hapticnet.experiment.table import UNKNOWN
-from hapticnet.experiment.table import csv_text as csv_of
 from hapticnet.study.analysis import MEASURES, Comparison, ConditionResult, Figure, Measure, Results
 from hapticnet.study.statistics import ALPHA, standard_error
 from hapticnet.study.weber import ParticipantFile
@@ -88,24 +87,6 @@ def markdown(
         ]
     blocks += [*_jnds(people), "## Origin", _listed(origin)]
     return "\n\n".join(filter(None, blocks)) + "\n"
-
-
-def csv_text(results: Results, origin: Sequence[str] = ()) -> str:
-    """Return every figure of every condition and participant as CSV, with the origin as comments."""
-    rows = []
-    people = "mean", "standard error", *results.participants
-    for condition in results.conditions:
-        for key, figure in condition.figures.items():
-            for person, value in zip(people, (figure.mean, figure.error, *figure.each), strict=True):
-                text = f"{value:.9g}" if value is not None and math.isfinite(value) else "n/a"
-                rows.append([condition.name, condition.codec, condition.multiplier, key, person, text])
-    head = ["condition", "codec", "multiplier", "measure", "participant", "value"]
-    return csv_of(head, rows, (*_warning(results), *origin))
-
-
-def _warning(results: Results) -> list[str]:
-    observers = ", ".join(results.simulated)
-    return [f"SIMULATED: answers of the observer {observers}; no person took part"] if observers else []
 
 
 def condition_table(results: Results) -> Cells:

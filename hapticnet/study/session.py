@@ -47,9 +47,6 @@ class SessionSettings:
     observer: str | None  # name of the simulated observer; None for a person
     device: str
     resume: bool = False  # whether to continue an interrupted session
-    # Whether a continued session is replayed from its start, and must reproduce the stored rows: in virtual time,
-    # where device and hand would otherwise differ from those of an uninterrupted session.
-    replays: bool = False
 
     @property
     def folder(self) -> Path:
@@ -99,7 +96,8 @@ def check_session(settings: SessionSettings) -> None:
     check_number(settings)
     table = settings.table
     if table.exists() and not settings.resume:
-        raise SettingsError(f"{table} exists; continue it with --resume, or choose another --session")
+        how = "continue it with --resume, or choose another --session"
+        raise SettingsError(f"{table} exists; {how if settings.observer is None else 'choose another --out-dir'}")
     if settings.resume and not table.exists():
         raise SettingsError(
             f"{table} does not exist, so there is nothing to continue; check --participant, --session and --out-dir,"
@@ -214,8 +212,6 @@ def _rows_to_go_on_with(settings: SessionSettings, store: Store[Any]) -> list[An
                 f"{store.path} was begun with the device {row.device}, not {settings.device}; continue with that,"
                 " or begin another --session"
             )
-    if settings.replays:
-        store.replay()
     return store.rows
 
 
@@ -293,17 +289,17 @@ async def conduct(
     """Conduct a session to its end.
 
     `on_outcome` is called in a thread with each row of an activity, once it is stored, and with the outcome of the
-    activity; `on_row` with each row, including those stored before. Raise FileError if a row cannot be stored,
+    activity; `on_row` with each row. Raise FileError if a row cannot be stored,
     UnavailableError if the session cannot continue.
     """
     own_version = version()
 
     def save() -> list[AnyRow]:
         rows = [replace(row, date=date(), version=own_version) for row in flow.take_rows()]
-        new = [row for row in rows if store.append(row)]
         for row in rows:
+            store.append(row)
             on_row(row)
-        return new
+        return rows
 
     save()
     while not flow.done:

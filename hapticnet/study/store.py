@@ -9,7 +9,6 @@ import json
 import os
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
-from dataclasses import replace
 from pathlib import Path
 from typing import Final, Generic
 
@@ -30,31 +29,17 @@ class Store(Generic[AnyRow]):
     def __init__(self, path: Path, kind: type[AnyRow], descriptor: int) -> None:
         self.path = path
         self.rows: list[AnyRow] = []
-        self._expected: list[AnyRow] = []
         self._kind = kind
         self._descriptor = descriptor
         self._read()
 
-    def replay(self) -> None:
-        """Expect the rows of earlier runs again, before new ones."""
-        self._expected, self.rows = self.rows[::-1], []
+    def append(self, row: AnyRow) -> None:
+        """Write a row and wait until it is on the disk.
 
-    def append(self, row: AnyRow) -> bool:
-        """Write a row and wait until it is on the disk; return whether it is new, not an expected repetition.
-
-        Raise FileError if it cannot be written, for instance because the disk is full: the table is then unchanged; and
-        SettingsError if another row was expected again.
+        Raise FileError if it cannot be written, for instance because the disk is full: the table is then unchanged.
         """
-        earlier = self._expected.pop() if self._expected else None
-        if earlier is None:
-            self._write(to_line(row))
-        elif to_line(replace(row, date=earlier.date, version=earlier.version)) != to_line(earlier):
-            raise SettingsError(
-                f"{self.path}: line {len(self.rows) + 2} would differ now: the session was begun with"
-                " another version, seed or profile; continue with those, or choose another --session"
-            )
-        self.rows.append(row if earlier is None else earlier)
-        return earlier is None
+        self._write(to_line(row))
+        self.rows.append(row)
 
     def _write(self, line: str) -> None:
         data = line.encode()

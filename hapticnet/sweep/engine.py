@@ -4,13 +4,13 @@ import time
 from collections import deque
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from typing import Any, Final
+from typing import Final
 
 from hapticnet.errors import FileError, HapticnetError, UnavailableError, in_words
 from hapticnet.experiment.workers import Outcome, Pool
-from hapticnet.sweep.plan import Plan, Runner, rows_of
+from hapticnet.sweep.plan import Plan, Runner
 from hapticnet.sweep.runs import Cutter, Shard
-from hapticnet.sweep.store import Computed, Store, compute, shard_bytes
+from hapticnet.sweep.store import Computed, Store, compute
 
 SHARD_S: Final = 3.0  # duration of a shard [s]: long compared with the cost of storing it, but short to wait for
 SHORTEST_S: Final = 0.3  # duration of the last shards [s], so that all workers end at about the same time
@@ -20,9 +20,6 @@ WINDOW: Final = 8
 POLL_S: Final = 0.25
 ATTEMPTS: Final = 3  # tries of a shard whose worker ends
 HOPELESS: Final = 5  # if this many shards fail, and none succeeded, the sweep ends
-PLACES: Final = 5
-RUNS_EACH: Final = 4  # runs in a row, at each of `PLACES`, that an estimate times: neighbours share work
-LONGEST_S: Final = 20.0  # time [s] after which an estimate tries no further place
 
 
 @dataclass(slots=True)
@@ -159,27 +156,3 @@ def sweep(
         raise type(error)(f"{error}; {kept}") from error
     finally:
         progress.seconds = clock() - began_s
-
-
-def estimate(plan: Plan, workers: int, *, shard_runs: int | None = None) -> dict[str, Any]:
-    """Run a few runs of a study and return what all of it takes: times [s], and number and size [B] of its files."""
-    each = min(RUNS_EACH, plan.runs)
-    last = plan.runs - each
-    places = sorted({place * last // (PLACES - 1) for place in range(PLACES)})
-    runner, rows = Runner(plan), []
-    began_s = time.perf_counter()
-    for first in places:
-        rows += rows_of(runner, Shard(first, first + each))
-        if time.perf_counter() - began_s > LONGEST_S:
-            break
-    per_run_s = (time.perf_counter() - began_s) / len(rows)
-    shards = -(-plan.runs // (shard_runs or max(1, round(SHARD_S / per_run_s))))
-    content, empty = (len(shard_bytes(plan, Shard(0, len(some)), some)) for some in (rows, []))
-    return {
-        "timed": len(rows),
-        "seconds_per_run": per_run_s,
-        "worker_seconds": per_run_s * plan.runs,  # on one worker like this machine
-        "seconds": per_run_s * plan.runs / workers,
-        "shards": shards,
-        "bytes": shards * empty + plan.runs * (content - empty) // len(rows),
-    }

@@ -65,17 +65,6 @@ def swept(run, study, tmp_path, tmp_path_factory):
     return out
 
 
-def test_a_dry_run_counts_the_runs_and_times_some(run, study, tmp_path):
-    done = run("sweep", "run", study, "--dry-run", "--json", "--jobs", "3", "--repeats", "1000")
-    told = json.loads(done.stdout)
-    assert (told["combinations"], told["repeats"], told["runs"], told["workers"]) == (6, 1000, 6000, 3)
-    assert told["timed"] == 20
-    assert told["seconds"] == pytest.approx(told["worker_seconds"] / 3)
-    assert told["shards"] >= 1
-    assert told["bytes"] > 10_000
-    assert sorted(path.name for path in tmp_path.iterdir()) == ["force.csv", "study.toml"]
-
-
 def test_show_prints_a_table_csv_and_json_that_agree_and_draws_a_figure(run, swept, tmp_path):
     table = run("sweep", "show", swept)
     assert table.returncode == 0

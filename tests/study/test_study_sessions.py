@@ -1,6 +1,5 @@
-"""Sessions of simulated observers from the command line: complete, interrupted, refused."""
+"""Sessions of simulated observers from the command line: complete or refused."""
 
-import dataclasses
 import json
 
 import pytest
@@ -9,7 +8,7 @@ from hapticnet.study.rows import LimitsRow, OrderRow
 from hapticnet.study.store import read_table
 from hapticnet.study.weber import load_participant
 from tests.cli.test_cli_errors import assert_only_line
-from tests.ready import Started, hapticnet, wait_until
+from tests.ready import hapticnet
 
 PLAN = """
 name = "short"
@@ -70,7 +69,9 @@ def test_a_study_of_simulated_observers_ends_with_report_and_figures_and_is_not_
             assert min(shares) > 0.8
 
     refused = {
-        words: "continue it with --resume, or choose another --session",
+        words: "exists; choose another --out-dir",
+        (*words, "--resume"): "--resume is for people",
+        ("--participant", "03", "--plan", "plan.toml", "--resume"): "does not exist, so there is nothing to continue",
         ("--participant", "03", "--simulate", "literature"): "differs from the given plan",
         ("--participant", "03-04",): "several at once are for --simulate",
         ("--participant", "03", "--plan", "plan.toml", "--device", "none"): "unknown device 'none'",
@@ -109,41 +110,6 @@ def test_observers_without_a_jnd_end_with_an_account_of_it(folder, observer, tol
     rows = read_table(folder / "study/sub-03/ses-1/limits/sub-03_ses-1_task-limits_beh.tsv", LimitsRow)
     assert rows[-1].event == "end"
     assert not (folder / "study/participants/03.toml").exists() or told != "no_jnd"
-
-
-def test_a_killed_session_goes_on_and_asks_what_it_would_have_asked(folder):
-    words = ("--plan", "plan.toml", "--simulate", "literature", "--no-analyse")
-    whole = experiment(folder, "order", "--participant", "01", *words, "--out-dir", "whole")
-    assert whole.returncode == 0, whole.stderr
-    table = folder / TABLE.format("01")
-    with (folder / "written").open("wb") as written:
-        command = "experiment", "order", "--participant", "01", *words, "--jobs", "1"
-        process = Started(command, stdout=written.fileno(), stderr=written.fileno(), cwd=folder)
-    wait_until(lambda: table.exists() and b"\npractice" in table.read_bytes())
-    assert process.poll() is None
-    process.kill()
-    process.wait()
-    before = table.read_bytes()
-    done = experiment(folder, "order", "--participant", "01", *words, "--resume")
-    assert done.returncode == 0, done.stderr
-    assert table.read_bytes().startswith(before[: before.rfind(b"\n") + 1])
-
-    def without_date(path):
-        return [dataclasses.replace(row, date=None) for row in read_table(path, OrderRow)]
-
-    assert without_date(table) == without_date(folder / TABLE.format("01").replace("study", "whole", 1))
-
-    refused = {
-        ("order", "--participant", "02"): "does not exist, so there is nothing to continue; check --participant",
-        ("limits", "--participant", "01"): "does not exist, so there is nothing to continue",
-        ("order", "--participant", "01", "--device", "sim:2.0"): "was begun with the device sim, not sim:2.0",
-        ("order", "--participant", "01", "--seed", "5"): "would differ now",
-    }
-    lines = table.read_text().splitlines(keepends=True)
-    table.write_text("".join(lines[: len(lines) // 2]))
-    for (verb, *wrong), told in refused.items():
-        simulated = words if verb == "order" else words[:4]
-        assert_only_line(experiment(folder, verb, *wrong, *simulated, "--resume", "--quiet"), told, code=2)
 
 
 def test_people_and_simulated_observers_are_kept_in_folders_apart(folder):

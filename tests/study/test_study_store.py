@@ -180,11 +180,12 @@ def test_a_session_of_a_person_does_not_go_on_with_an_observer(tmp_path):
     settings = replace(settings_of(tmp_path, 3), resume=False)
     with open_session(settings, 0) as (flow, store):
         store.append(flow.take_rows()[0])
-    with (
-        pytest.raises(SettingsError, match="was begun by a person and can only"),
-        open_session(replace(settings, observer="literature", resume=True), 0),
+    for change, told in (
+        ({"observer": "literature"}, "was begun by a person and can only"),
+        ({"device": "another"}, "was begun with the device given, not another"),
     ):
-        pass
+        with pytest.raises(SettingsError, match=told), open_session(replace(settings, resume=True, **change), 0):
+            pass
     with open_session(replace(settings, resume=True), 0) as (flow, _):
         assert [row.text for row in flow.take_rows()] == ["resumed"]
 

@@ -41,7 +41,7 @@ class LimitsOptions:
         typer.Option(metavar="OBSERVER", help="A simulated observer in the participant's place, such as literature."),
     ] = None
     jobs: options.Jobs = None
-    resume: Annotated[bool, typer.Option(help="Continue an interrupted session.")] = False
+    resume: Annotated[bool, typer.Option(help="Continue an interrupted session of a person.")] = False
     json: options.Json = False
     quiet: options.Quiet = False
 

@@ -7,7 +7,6 @@ import re
 import signal
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import replace
 from multiprocessing.connection import Connection
 from threading import Thread
 from typing import TYPE_CHECKING, Any, Final, TypeAlias
@@ -117,7 +116,9 @@ def _sessions(asked: LimitsOptions, plan: Plan, observer: ObserverSettings | Non
     participants = _participants(asked.participant)
     if len(participants) > 1 and observer is None:
         raise SettingsError(f"participants {asked.participant}: several at once are for --simulate")
-    sessions = [
+    if asked.resume and observer is not None:
+        raise SettingsError("--resume is for people; begin simulated sessions again, with another --out-dir")
+    return [
         SessionSettings(
             task=ORDER if isinstance(asked, OrderOptions) else LIMITS,
             participant=participant,
@@ -128,13 +129,9 @@ def _sessions(asked: LimitsOptions, plan: Plan, observer: ObserverSettings | Non
             observer=None if observer is None else observer.name,
             device=asked.device,
             resume=asked.resume,
-            replays=asked.resume and observer is not None,
         )
         for participant in participants
     ]
-    if any(each.table.exists() for each in sessions):  # the last of several simulated participants may not have begun
-        sessions = [replace(each, resume=each.resume and each.table.exists()) for each in sessions]
-    return sessions
 
 
 def _participants(text: str) -> tuple[str, ...]:

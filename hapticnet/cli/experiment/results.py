@@ -10,7 +10,7 @@ import typer
 
 from hapticnet import options
 
-FILES: Final = ("report.md", "conditions.csv", "results.json")
+FILES: Final = ("report.md", "results.json")
 
 
 def analyse(
@@ -22,7 +22,7 @@ def analyse(
     overwrite: options.Overwrite = False,
     json: options.Json = False,
 ) -> None:
-    """Analyse the study: report.md, figures as CSV and JSON, plots as PDF and PNG.
+    """Analyse the study: report.md, figures as JSON, plots as PDF and PNG.
 
     The plot correct-orders is the paper's Fig. 5, bytes-per-penetration its Fig. 4. The margin of equivalence is the
     plan's, since it must be stated before the study.
@@ -51,7 +51,7 @@ def write_results(folder: Path, target: Path, *, plots: bool, say: Callable[[str
     from hapticnet.study.analysis import analyse as analyse_rows
     from hapticnet.study.figures import draw_results
     from hapticnet.study.plan import PLAN_FILE, find_plan
-    from hapticnet.study.report import csv_text, markdown
+    from hapticnet.study.report import markdown
     from hapticnet.study.rows import OrderRow
     from hapticnet.study.store import read_people, read_rows
 
@@ -59,36 +59,30 @@ def write_results(folder: Path, target: Path, *, plots: bool, say: Callable[[str
     people = read_people(folder)
     title, origin = f"Results of {visible(folder.resolve().name)}", provenance_lines()
     pictures: list[Path] = []
+    files = [target / name for name in FILES]
     if people and not accepted(rows):
-        texts = {"report.md": markdown(None, title=title, people=people, origin=origin)}
+        check_outputs(*files)
+        report = markdown(None, title=title, people=people, origin=origin)
         account = {"provenance": provenance(), "jnds": [each.model_dump() for each in people]}
-        check_outputs(target / "report.md", target / "results.json")
     else:
         margin, stated = MARGIN, "the default, because there is no plan"
         if (folder / PLAN_FILE).exists():
             margin, stated = find_plan(str(folder / PLAN_FILE)).order.equivalence_margin, "stated in the plan"
         results = analyse_rows(rows, margin=margin)
-        check_outputs(*(target / name for name in FILES))
+        check_outputs(*files)
         if plots:
             try:
                 pictures = draw_results(results, target)
             except UnavailableError as error:
                 say(str(error))
         names = [file.name for file in pictures]
-        texts = {
-            "report.md": markdown(results, title=title, figures=names, people=people, origin=origin, stated=stated),
-            "conditions.csv": csv_text(results, origin),
-        }
+        report = markdown(results, title=title, figures=names, people=people, origin=origin, stated=stated)
         account = {"provenance": provenance(), "margin_stated": stated, "results": asdict(results)}
-    texts["results.json"] = _json(account) + "\n"
-    for name, text in texts.items():
-        write_text(target / name, text, follow=False)
-    say(f"report, tables and {len(pictures)} pictures: {target}")
-    return texts["report.md"], texts["results.json"].removesuffix("\n")
-
-
-def _json(account: object) -> str:
-    return json_module.dumps(_plain(account), indent=1)
+    text = json_module.dumps(_plain(account), indent=1)
+    for file, content in zip(files, (report, text + "\n"), strict=True):
+        write_text(file, content, follow=False)
+    say(f"report, figures and {len(pictures)} pictures: {target}")
+    return report, text
 
 
 def _plain(value: object) -> object:
