@@ -8,7 +8,7 @@ from typing import Final, Literal, TypeAlias, get_args
 
 import numpy as np
 
-from hapticnet.checks import check_above, check_parameter
+from hapticnet.checks import check_parameter
 from hapticnet.errors import SettingsError
 
 LONGEST_US: Final = 3_600_000_000
@@ -42,14 +42,6 @@ def parse_share(text: str) -> float:
     if unit not in ("", "%") or not 0.0 <= share <= 1.0:
         raise SettingsError(f'"{text[:60]}" is not a share such as 2% or 0.02, from 0% to 100%')
     return share
-
-
-def parse_number(text: str) -> float:
-    """Return a bare number."""
-    number, unit = _number_and_unit(text)
-    if unit:
-        raise SettingsError(f'"{text[:60]}" is not a bare number such as 3')
-    return number
 
 
 def format_time(time_us: int) -> str:
@@ -178,8 +170,7 @@ def parse_loss(text: str) -> Loss:
 Distribution: TypeAlias = Literal["normal", "uniform", "pareto"]
 
 DISTRIBUTIONS: Final = get_args(Distribution)
-DEFAULT_SHAPE: Final = 3.0
-LARGEST_SHAPE: Final = 1000.0
+PARETO_SHAPE: Final = 3.0  # α below: the smallest whole number with a standard deviation, so the heaviest tail
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -199,26 +190,19 @@ class Jitter:
 
     distribution: Distribution  # one of normal, uniform, pareto
     deviation_us: int  # standard deviation σ [µs]
-    # α of the Pareto distribution, above 2; smaller values give a heavier tail. Not used by the other two.
-    shape: float = DEFAULT_SHAPE
 
     def __post_init__(self) -> None:
         if self.distribution not in DISTRIBUTIONS:
             raise SettingsError(f'jitter is "{self.distribution}"; it must be one of {", ".join(DISTRIBUTIONS)}')
         check_parameter("jitter deviation", self.deviation_us, 0, LONGEST_US, "µs")
-        if self.distribution != "pareto" and self.shape != DEFAULT_SHAPE:
-            raise SettingsError(f"jitter shape is {self.shape}; only pareto has a shape")
-        # At 2 and below, a Pareto distribution has no standard deviation.
-        check_above("jitter shape", self.shape, 2, LARGEST_SHAPE)
 
     def describe(self) -> str:
         """Return the text that `parse_jitter` reads."""
-        shape = f":{self.shape!r}" if self.distribution == "pareto" else ""
-        return f"{self.distribution}:{format_time(self.deviation_us)}{shape}"
+        return f"{self.distribution}:{format_time(self.deviation_us)}"
 
     def delays_us(self, rng: np.random.Generator) -> Iterator[int]:
         """Yield the delay [µs] of each packet in turn."""
-        alpha = self.shape
+        alpha = PARETO_SHAPE
         while True:
             match self.distribution:
                 case "uniform":
@@ -231,13 +215,11 @@ class Jitter:
 
 
 def parse_jitter(text: str) -> Jitter:
-    """Return the jitter written as ``normal:5ms``, ``uniform:5ms`` or ``pareto:5ms[:3]``; SettingsError if invalid."""
+    """Return the jitter written as ``normal:5ms``, ``uniform:5ms`` or ``pareto:5ms``; SettingsError if invalid."""
     match text.split(":"):
         case [("normal" | "uniform" | "pareto") as distribution, deviation]:
             return Jitter(distribution=distribution, deviation_us=parse_time_us(deviation))
-        case ["pareto", deviation, shape]:
-            return Jitter(distribution="pareto", deviation_us=parse_time_us(deviation), shape=parse_number(shape))
-    raise SettingsError(f'"{text[:60]}" is not a jitter such as normal:5ms, uniform:5ms or pareto:5ms[:3]')
+    raise SettingsError(f'"{text[:60]}" is not a jitter such as normal:5ms, uniform:5ms or pareto:5ms')
 
 
 DEFAULT_HOLD_BACK_US: Final = 10_000

@@ -24,7 +24,7 @@ def parse_channel(spec: str) -> ChannelSettings:
     """Return the settings written as a preset, as parts separated by commas, or as a preset followed by parts.
 
     ``perfect``, ``wifi``, ``wifi,loss=5%``, or the parts ``delay=20ms``, ``jitter=normal:5ms`` (or ``uniform:5ms``,
-    ``pareto:5ms[:shape]``), ``loss=2%`` (or ``gilbert:p,r[,h[,k]]``), ``reorder=1%[:10ms]``, ``duplicate=0.1%``,
+    ``pareto:5ms``), ``loss=2%`` (or ``gilbert:p,r[,h[,k]]``), ``reorder=1%[:10ms]``, ``duplicate=0.1%``,
     ``rate=1Mbit/s``, ``queue=100ms``. A part replaces the preset's; ``none`` removes it. Case does not matter.
 
     Raise SettingsError if a part is invalid; the message names it and says what is valid.
