@@ -178,10 +178,8 @@ def make_firmware(tmp_path_factory: pytest.TempPathFactory) -> Callable[..., Pat
     build = tmp_path_factory.mktemp("firmware")
 
     @functools.cache
-    def run(target: str, *variables: str) -> Path:
-        done = subprocess.run(
-            ["make", "-s", "-C", FIRMWARE, f"BUILD={build}", target, *variables], capture_output=True, text=True
-        )
+    def run(target: str) -> Path:
+        done = subprocess.run(["make", "-s", "-C", FIRMWARE, f"BUILD={build}", target], capture_output=True, text=True)
         assert done.returncode == 0, done.stderr
         (build / f"{target}.log").write_text(done.stdout)
         return build
@@ -202,4 +200,4 @@ def needs_toolchain(tool_is_missing: Callable[[str], None]) -> None:
 def simavr_files(request: pytest.FixtureRequest, make_firmware: Callable[..., Path]) -> tuple[Path, Path]:
     """Simulator and firmware as `simavr_build` would find them, but built here: the checkout's folder may be empty."""
     request.getfixturevalue("needs_toolchain")
-    return make_firmware("sim") / "harness", make_firmware("firmware", "BAUD=500000") / "firmware-500000.elf"
+    return make_firmware("sim") / "harness", make_firmware("firmware") / "firmware.elf"

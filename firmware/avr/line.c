@@ -7,23 +7,13 @@
 #define RX_SIZE 128u /* 2.5 ms at 500 kbaud */
 #define TX_SIZE 128u
 
-#if BAUD == 500000
-#define DIVISOR 1 /* exact */
-#define DOUBLE_SPEED 0
-#elif BAUD == 115200
-#define DIVISOR 16 /* +2.1 % */
-#define DOUBLE_SPEED _BV(U2X0)
-#else
-#error "BAUD must be 500000 or 115200"
-#endif
-
 static volatile uint8_t rx[RX_SIZE], rx_head, rx_tail, overruns;
 static volatile uint8_t tx[TX_SIZE], tx_head, tx_tail;
 
 void line_start(void)
 {
-    UCSR0A = DOUBLE_SPEED;
-    UBRR0 = DIVISOR;
+    UCSR0A = 0;
+    UBRR0 = 1; /* 500 kbaud, exactly */
     UCSR0C = _BV(UCSZ01) | _BV(UCSZ00);
     UCSR0B = _BV(RXEN0) | _BV(TXEN0) | _BV(RXCIE0);
 }

@@ -75,7 +75,7 @@ int main(void)
         .reset_cause = reset_cause(),
         .boot_id = reset_count(),
         .adc_bits = 10,
-        .fastest_stream_ms = BAUD == 500000 ? 1 : 2, /* a reading is 20 bytes on the line */
+        .fastest_stream_ms = 1, /* a reading is 20 bytes on the line */
     };
     device_start(&device, &board, 0);
     line_start();

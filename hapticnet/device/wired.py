@@ -178,7 +178,7 @@ PATIENCE_US: Final = 3_000_000
 
 SILENCE_US: Final = 50_000  # time [µs] without a reading after which a streaming device counts as lost
 LONGEST_STEP_US: Final = 10_000  # largest contribution [µs] of one step to the silence: a stalled host receives nothing
-STREAM_PERIOD_MS: Final = 2  # requested period of readings [ms]: what 115200 baud carry, and five per control period
+STREAM_PERIOD_MS: Final = 2  # requested period of readings [ms]: five per control period
 READY: Final = "ready"  # `WiredDevice.status` while there are readings
 
 

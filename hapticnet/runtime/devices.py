@@ -25,7 +25,7 @@ from hapticnet.runtime.system import now_us
 from hapticnet.user_code import UserClass, close_user_object, find_user_class
 
 NOT_CALIBRATED: Final = "the force sensor is not calibrated (see hapticnet device calibrate); forces may be far off"
-DEVICES: Final = "sim[:N/MM], simavr[:N/MM], serial:auto, serial:PATH[@BAUD], FILE.py:CLASS, package.module:CLASS"
+DEVICES: Final = "sim[:N/MM], simavr[:N/MM], serial:auto, serial:PATH, FILE.py:CLASS, package.module:CLASS"
 """Device specifications; N/MM is the simulated finger's stiffness."""
 
 

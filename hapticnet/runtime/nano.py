@@ -43,7 +43,7 @@ def simavr_build() -> tuple[Path, Path]:
             f" export {BUILD_VARIABLE}=CHECKOUT/firmware/build"
         )
     folder = Path(named) if named else firmware / "build"
-    paths = folder / "harness", folder / "firmware-500000.elf"
+    paths = folder / "harness", folder / "firmware.elf"
     for path in paths:
         if not path.is_file():
             where = f"; {BUILD_VARIABLE} must name the checkout's firmware/build" if named else ""

@@ -19,8 +19,7 @@ from hapticnet.runtime.signals import stop_on_signals
 from hapticnet.runtime.system import now_us
 from hapticnet.runtime.timer import Ticker, either
 
-DEFAULT_BAUD: Final = 500_000
-BAUDS: Final = (DEFAULT_BAUD, 115_200)  # baud rates for which the firmware can be built
+BAUD: Final = 500_000
 
 BY_ID: Final = Path("/dev/serial/by-id")  # links by udev, named after the device: the same after replugging
 NANO_VENDORS: Final = {  # USB vendor ids of Nanos and their adapters, from the USB ID Repository
@@ -38,13 +37,12 @@ READ_BYTES: Final = 4096  # about 80 ms of a full line at 500 kbaud
 
 @dataclass(frozen=True, slots=True)
 class SerialSpec:
-    """A serial device specification: serial:PATH[@BAUD]; path None means auto."""
+    """A serial device specification: serial:PATH; path None means auto."""
 
     path: str | None
-    baud: int = DEFAULT_BAUD
 
     def __str__(self) -> str:
-        return f"serial:{self.path or 'auto'}" + (f"@{self.baud}" if self.baud != DEFAULT_BAUD else "")
+        return f"serial:{self.path or 'auto'}"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -68,15 +66,12 @@ class FoundPort:
 
 def parse_serial(text: str) -> SerialSpec:
     """Return the specification written as `text`; raise SettingsError if it is invalid."""
-    kind, _, rest = text.partition(":")
-    path, separator, baud = rest.partition("@")
+    kind, _, path = text.partition(":")
     if kind != "serial" or not path:
-        raise SettingsError(f"device {text!r} must be serial:auto or serial:PATH[@BAUD], such as serial:/dev/ttyUSB0")
-    if separator and baud not in map(str, BAUDS):
-        raise SettingsError(f"baud {baud!r} of device {text!r} must be {' or '.join(map(str, BAUDS))}")
+        raise SettingsError(f"device {text!r} must be serial:auto or serial:PATH, such as serial:/dev/ttyUSB0")
     if path != "auto" and not path.startswith("/"):
         raise SettingsError(f"port {path!r} of device {text!r} must be auto or an absolute path, such as /dev/ttyUSB0")
-    return SerialSpec(None if path == "auto" else path, int(baud) if separator else DEFAULT_BAUD)
+    return SerialSpec(None if path == "auto" else path)
 
 
 def find_ports() -> list[FoundPort]:
@@ -246,19 +241,19 @@ def _open(spec: SerialSpec) -> serial.Serial:
     path = spec.path or "the port"
     try:
         path = spec.path or choose_port()
-        port = serial.Serial(path, spec.baud, timeout=0, exclusive=True)
+        port = serial.Serial(path, BAUD, timeout=0, exclusive=True)
         attributes = termios.tcgetattr(port.fileno())
         attributes[6][termios.VMIN] = 1  # so that an empty read means that the port is gone
         termios.tcsetattr(port.fileno(), termios.TCSANOW, attributes)
     except (OSError, ValueError, termios.error) as error:
-        raise UnavailableError(f"{path} {_in_words(error, spec.baud)}") from error
+        raise UnavailableError(f"{path} {_in_words(error)}") from error
     # An FTDI chip buffers bytes for up to 16 ms unless told otherwise; other chips and pseudo-terminals do not.
     with contextlib.suppress(OSError, ValueError, NotImplementedError):
         port.set_low_latency_mode(True)
     return port
 
 
-def _in_words(error: Exception, baud: int) -> str:
+def _in_words(error: Exception) -> str:
     number = error.errno if isinstance(error, OSError) else error.args[0] if error.args else None
     if number == errno.ENOENT:
         return "is missing; is the device plugged in? hapticnet device find lists the ports"
@@ -272,7 +267,7 @@ def _in_words(error: Exception, baud: int) -> str:
     if number in (errno.EISDIR, errno.ENOTTY) or "Inappropriate ioctl" in str(error):
         return "is not a serial port"
     if isinstance(error, ValueError):
-        return f"does not support {baud} baud; build the firmware with BAUD=115200 and write @115200"
+        return f"does not support {BAUD} baud; use another adapter"
     return f"cannot be opened: {os.strerror(number) if isinstance(number, int) and number > 0 else error}"
 
 

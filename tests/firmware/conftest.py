@@ -116,13 +116,13 @@ def core(make_firmware: Callable[..., Path], tool_is_missing: Callable[[str], No
 
 @pytest.fixture
 def nano(request: pytest.FixtureRequest, make_firmware: Callable[..., Path]) -> Iterator[Callable[..., Nano]]:
-    """Return a factory of simulated Nanos for an ELF and a baud rate."""
+    """Return a factory of simulated Nanos for an ELF."""
     request.getfixturevalue("needs_toolchain")
     running: list[Nano] = []
 
-    def make(*, target: str = "firmware", elf: str = "firmware-500000.elf", baud: int = 500_000) -> Nano:
+    def make(*, target: str = "firmware", elf: str = "firmware.elf") -> Nano:
         harness = make_firmware("sim") / "harness"
-        running.append(Nano(harness, make_firmware(target, f"BAUD={baud}") / elf))
+        running.append(Nano(harness, make_firmware(target) / elf))
         return running[-1]
 
     yield make
@@ -159,7 +159,7 @@ def rig(simavr_files: tuple[Path, Path], simulated: Any, make_firmware: Callable
     def make(
         stiffness_n_m: float = 1000.0, *, hanging: bool = False, calibration: Calibration | None = None, **others: Any
     ) -> Rig:
-        elf = make_firmware("test-firmware", "BAUD=500000") / "hanging.elf" if hanging else simavr_files[1]
+        elf = make_firmware("test-firmware") / "hanging.elf" if hanging else simavr_files[1]
         build, wired = (simavr_files[0], elf), WiredDevice(calibration) if calibration else None
         settings = PlantSettings(finger=Finger(stiffness_n_m=stiffness_n_m))
         return Rig(simulated(settings, build=build, wired=wired, **others), build)

@@ -32,7 +32,7 @@ def drive(nano: Any, frames: int, *pulses: int, period_us: int = 10_000) -> None
 
 @pytest.mark.usefixtures("needs_toolchain")
 def test_flash_and_ram_are_at_most_half_full(make_firmware: Callable[..., Path]) -> None:
-    report = (make_firmware("firmware", "BAUD=500000") / "firmware.log").read_text()
+    report = (make_firmware("firmware") / "firmware.log").read_text()
     flash, ram = map(float, re.findall(r"\(([\d.]+) %\)", report))
     assert 0.0 < flash <= 50.0
     assert 0.0 < ram <= 50.0
@@ -103,11 +103,11 @@ def test_the_environment_variable_sets_the_folder_of_the_build(tmp_path: Path, m
     with pytest.raises(UnavailableError, match="make -C firmware sim"):
         Simavr(tmp_path / "harness", tmp_path / "firmware.elf")
     monkeypatch.setenv(BUILD_VARIABLE, str(tmp_path))
-    for name in ("harness", "firmware-500000.elf"):
+    for name in ("harness", "firmware.elf"):
         with pytest.raises(UnavailableError, match=rf"{name} is missing.*make simulator"):
             simavr_build()
         (tmp_path / name).touch()
-    assert simavr_build() == (tmp_path / "harness", tmp_path / "firmware-500000.elf")
+    assert simavr_build() == (tmp_path / "harness", tmp_path / "firmware.elf")
 
 
 def test_an_installed_package_says_where_the_simulator_is_built(
@@ -187,15 +187,3 @@ def test_a_flood_affects_neither_pulses_nor_the_watchdog(nano: Any) -> None:
         step = device.advance(10_000, data=b"\x05abcd" * 90)
     assert step.resets == 0
     assert len(device.pulses) >= 3 * 15
-
-
-def test_the_slow_line_carries_500_readings_a_second(nano: Any) -> None:
-    device = nano(elf="firmware-115200.elf", baud=115_200)
-    device.boot_and_greet()
-    device.advance(5_000, Stream(1))
-    assert device.of_kind(StreamAck) == [StreamAck(1, 2)]
-    device.messages.clear()
-    device.advance(100_000)
-    sequences = [reading.sequence for reading in device.messages]
-    assert len(sequences) >= 48
-    assert sequences == list(range(sequences[0], sequences[0] + len(sequences)))

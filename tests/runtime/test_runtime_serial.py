@@ -225,11 +225,9 @@ def test_the_reason_why_a_port_cannot_be_opened_is_explained(tmp_path, monkeypat
         serial_port._open(SerialSpec(path))
 
 
-def test_a_serial_device_is_specified_by_port_and_baud():
-    assert parse_serial("serial:/dev/ttyUSB0") == SerialSpec("/dev/ttyUSB0", 500_000)
-    assert parse_serial("serial:/dev/ttyUSB0@115200") == SerialSpec("/dev/ttyUSB0", 115_200)
-    assert parse_serial("serial:auto@500000") == SerialSpec(None)
-    for text in ("serial:auto", "serial:/dev/ttyACM1@115200"):
+def test_a_serial_device_is_specified_by_its_port():
+    assert parse_serial("serial:auto") == SerialSpec(None)
+    for text in ("serial:auto", "serial:/dev/ttyACM1"):
         assert str(parse_serial(text)) == text
 
 
@@ -238,8 +236,6 @@ def test_a_serial_device_is_specified_by_port_and_baud():
     [
         ("serial:", "serial:auto"),
         ("/dev/ttyUSB0", "serial:auto"),
-        ("serial:/dev/ttyUSB0@9600", "500000 or 115200"),
-        ("serial:auto@fast", "'fast'"),
         ("serial:ttyUSB0", "/dev/ttyUSB0"),
     ],
 )

@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from hapticnet.device.wired import WiredDevice
     from hapticnet.runtime.serial_port import SerialSpec
 
-Port: TypeAlias = Annotated[str, typer.Argument(metavar="DEVICE", help="serial:PORT[@BAUD] or serial:auto.")]
+Port: TypeAlias = Annotated[str, typer.Argument(metavar="DEVICE", help="serial:PATH or serial:auto.")]
 
 
 def find(json: options.Json = False) -> None:
