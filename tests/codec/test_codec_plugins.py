@@ -24,7 +24,13 @@ from hapticnet.perception import WeberLaw
 
 @dataclass(frozen=True)
 class Mine:
-    """Send each change that exceeds a share of the threshold."""
+    """Send each change that exceeds a share of the threshold.
+
+    Attributes
+    ----------
+    share
+        Of the threshold.
+    """
     name: ClassVar[str] = "mine"
     needs_position: ClassVar[bool] = False
     law: WeberLaw = field(default_factory=WeberLaw)
@@ -85,7 +91,7 @@ def test_a_codec_in_a_file_is_used_by_its_name_with_its_parameters():
     encoding = encode_array(codec, np.arange(4) * 1000, np.array([[1.0], [1.04], [1.06], [2.0]]))
     assert encoding.sent.tolist() == [0, 2, 3]
     assert encoding.decoded[:, 0].tolist() == [1.0, 1.0, 1.06, 2.0]
-    assert [each["meaning"] for each in registry.describe_codecs()[-1]["parameters"]] == [""]
+    assert [each["meaning"] for each in registry.describe_codecs()[-1]["parameters"]] == ["Of the threshold."]
 
 
 def test_a_name_alone_imports_nothing():
@@ -187,7 +193,7 @@ def test_a_codec_may_refuse_more_axes_than_it_knows():
 def test_what_a_codec_raises_later_becomes_an_error_of_hapticnet():
     load(GOOD.replace("self.held = stimulus", "self.held = stimulus; 1 / (stimulus[0] - 7.0)"))
     codec = make_codec("mine", WeberLaw())
-    with pytest.raises(SampleError, match=r"codec mine.py:Mine: encode failed: ZeroDivisionError.*line 30"):
+    with pytest.raises(SampleError, match=r"codec mine.py:Mine: encode failed: ZeroDivisionError.*line 36"):
         codec.encoder(1).encode(0, (7.0,))
     encoder = codec.encoder(1)
     encoder._refresh = sys.exit
