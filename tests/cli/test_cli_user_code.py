@@ -3,8 +3,6 @@
 import asyncio
 import json
 import re
-import subprocess
-import sys
 
 import pytest
 
@@ -14,6 +12,7 @@ from hapticnet.errors import RunError, SettingsError
 from hapticnet.operator.base import UserOperator
 from hapticnet.operator.remote import RemoteOperator
 from hapticnet.runtime import devices
+from tests.integration.conftest import serve, start  # noqa: F401 - fixtures
 from tests.ready import hapticnet
 
 RIG = """
@@ -126,60 +125,40 @@ def test_a_class_of_the_user_is_a_device_that_is_retracted_and_closed_at_the_end
         devices.check_device("dev/tty")
 
 
-class Slave:
-    def __init__(self, scene):
-        command = [sys.executable, "-m", "hapticnet", "slave", "--listen", "127.0.0.1:0", "--scene", scene]
-        self.process = subprocess.Popen(
-            [*command, "--no-real-time", "--json"], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
-        )
-
-    def __enter__(self):
-        for line in self.process.stderr:
-            if "listening on " in line:
-                self.address = line.split("listening on ")[1].split(",")[0]
-                return self
-        raise AssertionError("the slave did not start")
-
-    def __exit__(self, *_):
-        self.process.terminate()
-        self.out, self.err = self.process.communicate(timeout=20)
-
-
-def test_own_scene_own_hand_and_own_device_play_together_along_three_axes():
-    with Slave("rig.py:Sphere") as slave:
-        played = hapticnet(
-            "master", "--connect", slave.address, "--operator", "rig:Orbit:radius=0.02", "--device", "rig.py:Motor",
-            "--device-takes", "z", "--no-real-time", "--json", "--codec", "raw",
-        )  # fmt: skip
+def test_own_scene_own_hand_and_own_device_play_together_along_three_axes(serve, tmp_path):  # noqa: F811
+    slave, address = serve("--scene", f"{tmp_path}/rig.py:Sphere", "--json")
+    played = hapticnet(
+        "master", "--connect", address, "--operator", "rig:Orbit:radius=0.02", "--device", "rig.py:Motor",
+        "--device-takes", "z", "--no-real-time", "--json", "--codec", "raw",
+    )  # fmt: skip
     assert played.returncode == 0, played.stderr
     assert "felt 2.0 0.0 -2.0" in played.stderr
     assert "motor off" in played.stderr
     report = json.loads(played.stdout)
     assert (report["scene"], report["device"]["description"]) == ("Sphere", "Motor (own device)")
-    assert slave.process.returncode == 0
-    assert "sphere closed" in slave.err
+    assert slave.end() == 0
+    assert "sphere closed" in slave.said()
 
 
-def test_a_scene_that_breaks_ends_the_session_with_one_line_on_both_sides_and_the_slave_goes_on():
-    with Slave("rig.py:Fragile") as slave:
-        for _ in range(2):
-            played = hapticnet(
-                "master", "--connect", slave.address, "--operator", "rig.py:Push", "--device", "none", "--no-real-time"
-            )
-            assert played.returncode != 0
-            line = "the slave closed: the scene failed: Fragile.step raised ValueError: it broke (rig.py, line 14)"
-            assert played.stderr.splitlines()[-1].endswith(f"hapticnet: {line}")
-            assert "Traceback" not in played.stderr
+def test_a_scene_that_breaks_ends_the_session_with_one_line_on_both_sides_and_the_slave_goes_on(serve, tmp_path):  # noqa: F811
     failure = "the scene failed: Fragile.step raised ValueError: it broke (rig.py, line 14)"
-    warnings = [line for line in slave.err.splitlines() if " warning slave: 'master' left: " in line]
+    slave, address = serve("--scene", f"{tmp_path}/rig.py:Fragile", "--json")
+    for _ in range(2):
+        played = hapticnet(
+            "master", "--connect", address, "--operator", "rig.py:Push", "--device", "none", "--no-real-time"
+        )
+        assert played.returncode != 0
+        assert played.stderr.splitlines()[-1].endswith(f"hapticnet: the slave closed: {failure}")
+        assert "Traceback" not in played.stderr
+    assert slave.end() == RunError.exit_code
+    warnings = [line for line in slave.said().splitlines() if " warning slave: 'master' left: " in line]
     assert len(warnings) == 2
     assert all(failure in line for line in warnings)
-    assert "Traceback" not in slave.err
-    report = json.loads(slave.out)
+    assert "Traceback" not in slave.said()
+    report = slave.report()
     assert len(report["sessions"]) == 2
     assert report["faults"] == [failure]
-    assert slave.process.returncode == RunError.exit_code
-    assert slave.err.splitlines()[-1].endswith(f"hapticnet: {failure}")
+    assert slave.said().splitlines()[-1].endswith(f"hapticnet: {failure}")
 
 
 def test_a_scene_of_ones_own_is_tried_without_a_network():
