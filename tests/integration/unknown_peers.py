@@ -45,17 +45,15 @@ class Client:
         self._slave = parse(slave)
         self._next_us = now_us()
 
-    def pump(self, period_us: int | None = None) -> None:
-        """Take in what has arrived; tick if it is time, every `period_us` or as often as was granted."""
+    def pump(self) -> None:
+        """Take in what has arrived; tick if it is time."""
         try:
             while True:
                 self.node.receive_datagram(self.sock.recv(2048), now_us())
         except OSError:
             pass
         if now_us() >= self._next_us:
-            self._next_us = max(
-                self._next_us + (self.node.period_us if period_us is None else period_us), now_us() - 10_000
-            )
+            self._next_us = max(self._next_us + self.node.period_us, now_us() - 10_000)
             self.node.tick(now_us())
             self.node.drive(now_us())
         self.send()
@@ -68,16 +66,14 @@ class Client:
         self.sock.close()
 
 
-def pump(
-    clients: Sequence[Client], until: Callable[[], bool], *, period_us: int | None = None, within_s: float
-) -> bool:
+def pump(clients: Sequence[Client], until: Callable[[], bool], *, within_s: float) -> bool:
     """Run the clients until a condition holds; return False if it does not within a time [s]."""
     end_s = time.monotonic() + within_s
     while not until():
         if time.monotonic() > end_s:
             return False
         for client in clients:
-            client.pump(period_us)
+            client.pump()
         time.sleep(0.0003)
     return True
 

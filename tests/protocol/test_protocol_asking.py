@@ -13,6 +13,14 @@ from tests.protocol.test_protocol_master_session import connected, new_session, 
 SECOND = 1_000_000
 
 
+def asking(sealed, **settings):
+    """Return a session that asks for the first time, its slave made by hand, and the HELLO."""
+    session = new_session(sealed, **settings)
+    slave = HandSlave(session, sealed=sealed)
+    session.tick(0)
+    return session, slave, slave.hello()
+
+
 def hellos(session, from_us, to_us, step_us=1000):
     """Return the times and contents of the HELLOs that a session sends while nobody answers."""
     sent = []
@@ -41,10 +49,7 @@ def test_hellos_become_rarer_down_to_the_slowest(sealed):
 
 
 def test_the_cookie_is_sent_back_at_once_and_in_every_repetition(sealed):
-    session = new_session(sealed)
-    slave = HandSlave(session, sealed=sealed)
-    session.tick(0)
-    first = slave.hello()
+    session, slave, first = asking(sealed)
     assert unpack_hello(first.body).cookie == b""
     slave.cookie(first, 30_000)
     second = slave.hello()
@@ -56,10 +61,7 @@ def test_the_cookie_is_sent_back_at_once_and_in_every_repetition(sealed):
 
 
 def test_only_the_first_cookie_of_an_attempt_is_answered_at_once_and_the_newest_is_used(sealed):
-    session = new_session(sealed)
-    slave = HandSlave(session, sealed=sealed)
-    session.tick(0)
-    first = slave.hello()
+    session, slave, first = asking(sealed)
     slave.cookie(first, 10, b"forged by anyone")
     assert unpack_hello(slave.hello().body).cookie == b"forged by anyone"
     for number in range(1000):
@@ -72,10 +74,8 @@ def test_only_the_first_cookie_of_an_attempt_is_answered_at_once_and_the_newest_
 
 def test_a_new_attempt_begins_when_a_cookie_was_not_answered_for_long(sealed):
     """The slave reads each request once; one that was restarted does not know that it did."""
-    session = new_session(sealed)
-    slave = HandSlave(session, sealed=sealed)
-    session.tick(0)
-    slave.cookie(slave.hello(), 0)
+    session, slave, hello = asking(sealed)
+    slave.cookie(hello, 0)
     first = unpack_hello(slave.hello().body)
     sent = [(now, unpack_hello(slave._opened(data).body)) for now, data in hellos(session, 1000, 6 * SECOND)]
     assert {hello.nonce for now, hello in sent if now <= FRESH_AFTER_US} == {first.nonce}
@@ -85,10 +85,7 @@ def test_a_new_attempt_begins_when_a_cookie_was_not_answered_for_long(sealed):
 
 
 def test_only_the_answer_to_our_own_hello_counts(sealed):
-    session = new_session(sealed)
-    slave = HandSlave(session, sealed=sealed)
-    session.tick(0)
-    hello = slave.hello()
+    session, slave, hello = asking(sealed)
     read = unpack_hello(hello.body)
     other = hello._replace(body=hello.body.replace(read.nonce.to_bytes(4, "big"), (read.nonce ^ 1).to_bytes(4, "big")))
     slave.hint(other, 10, "forged", Code.OTHER)
@@ -122,10 +119,8 @@ def test_a_second_answer_changes_nothing(sealed):
 
 
 def test_a_first_refusal_ends_the_master_with_reason_and_code(sealed):
-    session = new_session(sealed)
-    slave = HandSlave(session, sealed=sealed)
-    session.tick(0)
-    slave.refuse(slave.hello(), 10, "no such codec", Code.CODEC)
+    session, slave, hello = asking(sealed)
+    slave.refuse(hello, 10, "no such codec", Code.CODEC)
     assert events_of(session) == [Ended("no such codec", refused=True, code=Code.CODEC)]
     assert session.state is MasterState.CLOSED
     assert hellos(session, 1000, SECOND) == []
@@ -155,10 +150,7 @@ def test_a_master_that_had_a_session_asks_again_after_a_refusal_with_back_off(se
 
 
 def test_a_master_with_a_key_takes_no_open_session():
-    session = new_session(sealed=True)
-    slave = HandSlave(session, sealed=True)
-    session.tick(0)
-    hello = slave.hello()
+    session, slave, hello = asking(sealed=True)
     nonce = unpack_hello(hello.body).nonce
     session.receive_datagram(pack(Kind.COOKIE, 0, 0, pack_body(Cookie(nonce, bytes(16))), OPEN), 0)
     for version in (OPEN, SEALED):
@@ -314,10 +306,7 @@ def test_a_refusal_without_a_seal_is_only_told_once_for_each_attempt(sealed):
 
 
 def test_a_refusal_without_a_seal_ends_no_sealed_master_that_connects_for_the_first_time():
-    session = new_session(sealed=True)
-    slave = HandSlave(session, sealed=True)
-    session.tick(0)
-    hello = slave.hello()
+    session, slave, hello = asking(sealed=True)
     slave.hint(hello, 10, "this slave has no key", Code.KEY)
     assert events_of(session) == [Hinted("this slave has no key")]
     slave.welcome(hello, 20)
