@@ -35,19 +35,14 @@ _EDGE: Final = struct.Struct("<QII")
 
 def simavr_build() -> tuple[Path, Path]:
     """Return simulator and firmware as built by ``make simulator``; raise UnavailableError if one is missing."""
-    named = os.environ.get(BUILD_VARIABLE)
-    firmware = Path(__file__).parents[2] / "firmware"
-    if not named and not (firmware / "Makefile").is_file():
-        raise UnavailableError(
-            "the simulator is not in an installed package: run `make simulator` in a checkout of hapticnet, then"
-            f" export {BUILD_VARIABLE}=CHECKOUT/firmware/build"
-        )
-    folder = Path(named) if named else firmware / "build"
+    folder = Path(os.environ.get(BUILD_VARIABLE) or Path(__file__).parents[2] / "firmware" / "build")
     paths = folder / "harness", folder / "firmware.elf"
     for path in paths:
         if not path.is_file():
-            where = f"; {BUILD_VARIABLE} must name the checkout's firmware/build" if named else ""
-            raise UnavailableError(f"{path} is missing: `make simulator` in the checkout of hapticnet builds it{where}")
+            raise UnavailableError(
+                f"{path} is missing: `make simulator` in a checkout of hapticnet builds it; elsewhere, {BUILD_VARIABLE}"
+                " must name the checkout's firmware/build"
+            )
     return paths
 
 
@@ -347,8 +342,8 @@ class NanoPty:
                 os.write(self._master, data)
 
 
-async def run_nano_pty(nano: NanoPty, *, duration_s: float | None, on_status: Callable[[], None]) -> None:
-    """Run until SIGINT, SIGTERM or `duration_s` [s] have passed; raise UnavailableError if the simulator ends."""
+async def run_nano_pty(nano: NanoPty, on_status: Callable[[], None]) -> None:
+    """Run until SIGINT or SIGTERM; raise UnavailableError if the simulator ends."""
 
     def tick(now_us: int) -> bool:
         nano.advance(now_us)
@@ -356,6 +351,6 @@ async def run_nano_pty(nano: NanoPty, *, duration_s: float | None, on_status: Ca
 
     status = Repeating(asyncio.get_running_loop(), on_status)
     try:
-        await run_device(None, tick, duration_s=duration_s)
+        await run_device(None, tick)
     finally:
         status.cancel()

@@ -287,10 +287,10 @@ def _close_opened(opening: "asyncio.Future[serial.Serial]") -> None:
 TICK_US: Final = 1000
 
 
-async def run_device(wire: Wire | None, tick: Callable[[int], bool], *, duration_s: float | None = None) -> bool:
+async def run_device(wire: Wire | None, tick: Callable[[int], bool]) -> bool:
     """Open a device, wait for readings, then call `tick` with the time [µs] every ms until it returns True.
 
-    Return whether this or `duration_s` [s], not a signal, ended the run. Raise like `open_wire` or `tick`.
+    Return whether this, not a signal, ended the run. Raise like `open_wire` or `tick`.
     """
     loop = asyncio.get_running_loop()
     signalled = stop_on_signals(loop)
@@ -312,7 +312,7 @@ async def run_device(wire: Wire | None, tick: Callable[[int], bool], *, duration
 
     ticker = Ticker(loop, TICK_US, on_tick)
     try:
-        await either(done, signalled, duration_s)
+        await either(done, signalled, None)
         if failure:
             raise failure[0]
         return not signalled.is_set()

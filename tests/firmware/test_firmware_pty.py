@@ -137,13 +137,6 @@ def test_any_program_can_open_close_and_reopen_it(start: Any, number: signal.Sig
     assert "finger of 2 N/mm" in errors
 
 
-def test_it_ends_after_its_duration(start: Any) -> None:
-    process = start("--duration", "0.2")
-    path_of(process)
-    assert "ended; 0 resets" in process.communicate(timeout=PATIENCE_S)[1]
-    assert process.returncode == 0
-
-
 def test_a_finger_without_stiffness_is_refused(start: Any) -> None:
     process = start("--stiffness", "0")
     output, errors = process.communicate(timeout=PATIENCE_S)

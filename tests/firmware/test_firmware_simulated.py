@@ -12,7 +12,6 @@ import pytest
 from hapticnet.device.messages import ADC_FRACTION, Flag, Hello, Identity, SensorReading, Setpoint, Stream, StreamAck
 from hapticnet.device.servos import Linkage
 from hapticnet.errors import SettingsError, UnavailableError
-from hapticnet.runtime import nano as simavr
 from hapticnet.runtime.nano import BUILD_VARIABLE, CYCLES_PER_US, Simavr, simavr_build
 from tests.firmware.rig import HANG
 
@@ -108,16 +107,6 @@ def test_the_environment_variable_sets_the_folder_of_the_build(tmp_path: Path, m
             simavr_build()
         (tmp_path / name).touch()
     assert simavr_build() == (tmp_path / "harness", tmp_path / "firmware.elf")
-
-
-def test_an_installed_package_says_where_the_simulator_is_built(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.delenv(BUILD_VARIABLE, raising=False)
-    monkeypatch.setattr(simavr, "__file__", str(tmp_path / "site-packages/hapticnet/runtime/nano.py"))
-    with pytest.raises(UnavailableError, match=rf"in a checkout of hapticnet, then export {BUILD_VARIABLE}=") as error:
-        simavr_build()
-    assert "site-packages" not in str(error.value), "nothing can be built there"
 
 
 def test_the_default_build_is_that_of_the_checkout(monkeypatch: pytest.MonkeyPatch) -> None:

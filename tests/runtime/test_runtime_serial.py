@@ -296,13 +296,13 @@ def own_signals():
         signal.signal(number, handler)
 
 
-def run_on_stand_in(tick, *, duration_s=None):
+def run_on_stand_in(tick):
     async def scene():
         plugged = Plugged(StandIn())
         wired = WiredDevice(CALIBRATION)
         try:
             wire = Wire(wired=wired, spec=SerialSpec(plugged.path))
-            return await run_device(wire, lambda now: tick(wired, now), duration_s=duration_s)
+            return await run_device(wire, lambda now: tick(wired, now))
         finally:
             plugged.unplug()
 
@@ -319,10 +319,6 @@ def test_a_device_is_run_until_its_tick_is_done():
     assert run_on_stand_in(tick) is True
     assert len(readings) == 50
     assert all(reading is not None for reading in readings[:1])
-
-
-def test_a_device_is_run_for_a_time():
-    assert run_on_stand_in(lambda wired, now: wired.exchange(0.0, now) is not None and False, duration_s=0.1) is True
 
 
 def test_an_exception_in_a_tick_ends_the_run():

@@ -89,7 +89,6 @@ def step(
     plot: Annotated[
         Path | None, typer.Option(metavar="FILE", help="Draw the response to FILE (.png, .pdf or .svg).")
     ] = None,
-    csv: Annotated[Path | None, typer.Option(metavar="FILE", help="Write every tick to FILE.")] = None,
     overwrite: options.Overwrite = False,
     json: options.Json = False,
 ) -> None:
@@ -109,7 +108,6 @@ def step(
     from hapticnet.experiment.style import check_format, pyplot
     from hapticnet.node.fingertip import Fingertip
     from hapticnet.node.procedures import StepTest
-    from hapticnet.recordings.text import write_csv
     from hapticnet.runtime import devices
 
     known = devices.load(profile)
@@ -117,7 +115,7 @@ def step(
     if plot is not None:
         check_format(plot.suffix[1:])
         pyplot()
-    check_outputs(plot, csv, inputs=[profile])
+    check_outputs(plot, inputs=[profile])
     check_new(plot, overwrite=overwrite)
 
     def prepare(made: "Device") -> StepTest:
@@ -125,8 +123,6 @@ def step(
 
     made, test = _drive(device, known, seed, prepare)
     columns = test.recording.table()
-    if csv is not None:
-        write_csv(csv, columns)
     t_s, at_s = columns["t_us"] * 1e-6, (test.step_us or 0) * 1e-6
     forces = {"sensed": averaged(columns["sensed_n"], control.period_us // 1000), "true": columns["true_n"]}
     account: dict[str, Any] = {"device": made.description, "from_n": from_n, "to_n": to_n}

@@ -16,19 +16,13 @@ if TYPE_CHECKING:
 Port: TypeAlias = Annotated[str, typer.Argument(metavar="DEVICE", help="serial:PATH or serial:auto.")]
 
 
-def find(json: options.Json = False) -> None:
+def find() -> None:
     """List the serial ports of this host in the form that other commands take."""
-    from dataclasses import asdict
-
-    from hapticnet.cli.console import deliver, show
+    from hapticnet.cli.console import show
     from hapticnet.runtime.serial_port import find_ports
 
     ports = find_ports()
     likely = sum(port.likely is not None for port in ports)
-    if json:
-        listed = [{"device": f"serial:{port.path}", **asdict(port)} for port in ports]
-        deliver({"ports": listed, "auto": likely == 1}, as_json=True, file=None)
-        return
     for port in ports:
         what = ", ".join(filter(None, (port.description, port.serial_number)))
         show(f"serial:{port.path}  {what or port.name}  ({port.likely or 'no sign of a Nano'})")
@@ -79,12 +73,11 @@ def sim(
         float, typer.Option(metavar="N/MM", help="Stiffness of the simulated finger at 1 N [N/mm].")
     ] = 1.0,
     seed: options.Seed = 0,
-    duration: Annotated[float | None, typer.Option(min=0.0, help="Stop after this many seconds.")] = None,
 ) -> None:
     """Run the compiled firmware with simulated servos, finger and sensor on a pseudo-terminal.
 
-    Prints the terminal's path on stdout and runs in real time until Ctrl-C, SIGTERM or --duration. Any program can open
-    it like a serial port: hapticnet master --device serial:PATH. Build the simulator first: `make simulator`.
+    Prints the terminal's path on stdout and runs in real time until Ctrl-C or SIGTERM. Any program can open it like a
+    serial port: a master with --device serial:PATH. Build the simulator first: `make simulator`.
     """
     from contextlib import closing
 
@@ -109,7 +102,7 @@ def sim(
 
         print(nano.path, flush=True)
         console.say(f"listening on {nano.path}, finger of {stiffness:g} N/mm")
-        run(run_nano_pty(nano, duration_s=duration, on_status=on_status))
+        run(run_nano_pty(nano, on_status))
     console.finish()
     console.say(f"ended; {board.resets} resets, {nano.lost_us // 1000} ms skipped after stalls")
 
