@@ -12,7 +12,7 @@ import pytest
 from hapticnet.protocol.wire import Kind, pack, unpack
 from hapticnet.recordings.text import read_csv
 from tests.integration.conftest import Process, write_keys
-from tests.integration.on_path import drop, late, pass_on
+from tests.integration.on_path import OnPath, drop, late, pass_on
 
 FORCE_N = 2.0
 SCENE = """
@@ -26,6 +26,7 @@ breach_force_n = {}
 """
 GEL = SCENE.format(0.0, 100.0, 1e6)
 SKIN = SCENE.format(0.02, 200.0, 3.0)
+REST = {0.0: 0.02, 100.0: 0.02}
 PIERCE = {0.0: 0.0, 0.3: 0.034, 0.8: 0.034, 0.9: 0.06, 1.1: 0.032, 100.0: 0.032}
 """Press the skin with 2.8 N for half a second, pierce it, and rest where it would press with 2.4 N if it were whole."""
 
@@ -36,24 +37,6 @@ def keys(request: pytest.FixtureRequest, tmp_path: Path) -> tuple[tuple[str, ...
     return write_keys(tmp_path) if request.param == "sealed" else ((), ())
 
 
-def started(serve: Callable[..., tuple], scene: str, folder: Path, keys: tuple[str, ...]) -> tuple[Process, str]:
-    """Return a slave with a scene, and its address."""
-    (folder / "scene.toml").write_text(scene)
-    return serve("--scene", str(folder / "scene.toml"), "--json", *keys)
-
-
-@pytest.fixture
-def gel(serve: Callable[..., tuple], tmp_path: Path, keys: tuple[tuple[str, ...], ...]) -> tuple[Process, str]:
-    """Return a slave with a scene that is never pierced, and its address."""
-    return started(serve, GEL, tmp_path, keys[0])
-
-
-@pytest.fixture
-def skin(serve: Callable[..., tuple], tmp_path: Path, keys: tuple[tuple[str, ...], ...]) -> tuple[Process, str]:
-    """Return a slave with a scene for `PIERCE`, and its address."""
-    return started(serve, SKIN, tmp_path, keys[0])
-
-
 class Operated:
     """A master process whose operator follows a trace, and what it felt."""
 
@@ -62,14 +45,14 @@ class Operated:
         start: Callable[..., Process],
         address: str,
         folder: Path,
-        keys: tuple[tuple[str, ...], ...],
+        keys: tuple[str, ...],
         trace: dict[float, float],
     ) -> None:
         rows = "\n".join(f"{t_s},{position_m}" for t_s, position_m in trace.items())
         (folder / "trace.csv").write_text(f"time_s,position_m\n{rows}\n")
         self._record = folder / "master.csv"
         operator = ("--operator", f"trace:{folder / 'trace.csv'}", "--record", str(self._record))
-        arguments = (*operator, "--duration", "60", "--rate", "500", "--json", *keys[1])
+        arguments = (*operator, "--duration", "60", "--rate", "500", "--json", *keys)
         self.process = start("master", "--connect", address, *arguments)
         self.process.wait_for("connected to")
         self._connected_s = time.monotonic()
@@ -87,6 +70,19 @@ class Operated:
         return table
 
 
+@pytest.fixture
+def play(start, serve, paths, keys, tmp_path):
+    """Return what starts a slave with a scene and a master with a trace; it returns both, and the path between."""
+
+    def both(scene: str, trace: dict[float, float]) -> tuple[Process, OnPath, Operated]:
+        (tmp_path / "scene.toml").write_text(scene)
+        server, address = serve("--scene", str(tmp_path / "scene.toml"), "--json", *keys[0])
+        path = paths(address)
+        return server, path, Operated(start, path.address, tmp_path, keys[1], trace)
+
+    return both
+
+
 def newest(datagrams: object, kind: Kind) -> bytes:
     return next(data for data in reversed(list(datagrams)) if unpack(data).kind is kind)  # type: ignore[call-overload]
 
@@ -98,11 +94,9 @@ def ahead(data: bytes, leap: int) -> bytes:
 
 
 @pytest.mark.parametrize(("victim", "leap"), [("master", 50), ("slave", 2_999)])
-def test_one_datagram_with_a_sequence_far_ahead_deafens_nobody(start, gel, paths, keys, tmp_path, victim, leap):
+def test_one_datagram_with_a_sequence_far_ahead_deafens_nobody(play, victim, leap):
     """N1: a master was deaf for good, and a slave for 33 s."""
-    server, address = gel
-    path = paths(address)
-    master = Operated(start, path.address, tmp_path, keys, {0.0: 0.02, 100.0: 0.02})
+    server, path, master = play(GEL, REST)
     master.wait(0.5)
     if victim == "master":
         path.inject_to_master(ahead(newest(path.to_master, Kind.FORCE), leap))
@@ -123,11 +117,9 @@ def with_another_nonce(hello: bytes) -> bytes:
     return pack(Kind.HELLO, 0, true.sequence, body, true.version)
 
 
-def test_a_hello_in_the_name_of_a_master_does_not_touch_its_session(start, skin, paths, keys, tmp_path):
+def test_a_hello_in_the_name_of_a_master_does_not_touch_its_session(play):
     """N2: the session was replaced, tissue was whole again, and the finger was pressed."""
-    server, address = skin
-    path = paths(address)
-    master = Operated(start, path.address, tmp_path, keys, PIERCE)
+    server, path, master = play(SKIN, PIERCE)
     at_s = master.wait(1.5)
     forged = with_another_nonce(path.to_slave[0])
     for _ in range(20):
@@ -143,11 +135,9 @@ def test_a_hello_in_the_name_of_a_master_does_not_touch_its_session(start, skin,
 
 
 @pytest.mark.parametrize("what", ["another port", "2 s of silence"])
-def test_pierced_tissue_stays_pierced_when_a_master_comes_back(start, skin, paths, keys, tmp_path, what):
+def test_pierced_tissue_stays_pierced_when_a_master_comes_back(play, keys, what):
     """N2: any reconnection gave a new scene."""
-    server, address = skin
-    path = paths(address)
-    master = Operated(start, path.address, tmp_path, keys, PIERCE)
+    server, path, master = play(SKIN, PIERCE)
     at_s = master.wait(1.5)
     if what != "another port":
         path.forward = path.feedback = drop
@@ -172,11 +162,9 @@ def test_pierced_tissue_stays_pierced_when_a_master_comes_back(start, skin, path
 
 
 @pytest.mark.parametrize("keys", ["sealed"], indirect=True)
-def test_forces_that_answer_positions_of_long_ago_are_not_applied(start, gel, paths, keys, tmp_path):
+def test_forces_that_answer_positions_of_long_ago_are_not_applied(play):
     """N3: 645 forces that were 3 s old were applied as fresh."""
-    _, address = gel
-    path = paths(address)
-    master = Operated(start, path.address, tmp_path, keys, {0.0: 0.02, 100.0: 0.02})
+    _, path, master = play(GEL, REST)
     at_s = master.wait(0.5)
     path.feedback = late(1.5)
     master.process.wait_for("link too slow|link stale")
@@ -193,11 +181,9 @@ def test_forces_that_answer_positions_of_long_ago_are_not_applied(start, gel, pa
 
 
 @pytest.mark.parametrize("keys", ["sealed"], indirect=True)
-def test_of_a_slave_that_was_stopped_no_old_force_is_applied(start, gel, keys, tmp_path):
+def test_of_a_slave_that_was_stopped_no_old_force_is_applied(play):
     """N3: forces up to 10 s old were applied, in fast motion."""
-    server, address = gel
-    slope = {0.0: 0.0, 100.0: 1.0}  # 1 N more each second
-    master = Operated(start, address, tmp_path, keys, slope)
+    server, _, master = play(GEL, {0.0: 0.0, 100.0: 1.0})  # 1 N more each second
     master.wait(0.5)
     server.process.send_signal(signal.SIGSTOP)
     master.wait(2.0)

@@ -1,9 +1,6 @@
 """The figures for Prometheus: complete, as the node counts them, and readable by Prometheus's own parser."""
 
-import asyncio
 import json
-import os
-import signal
 import socket
 import threading
 import urllib.error
@@ -150,22 +147,3 @@ def test_without_the_extra_there_is_one_clear_line(loopback, monkeypatch):
     monkeypatch.setattr(metrics_module, "find_spec", lambda _: None)
     with pytest.raises(metrics_module.UnavailableError, match=r"pip install prometheus-client"):
         Metrics(loopback().master, ANY_PORT, Overload("SCHED_FIFO 10", print), print)
-
-
-def test_a_serving_process_that_ends_early_is_told_once(loopback):
-    told: list[str] = []
-    metrics = Metrics(loopback().master, ANY_PORT, Overload("SCHED_FIFO 10", print), told.append)
-
-    async def run() -> None:
-        await metrics.start()
-        process = metrics._process
-        assert process is not None
-        os.kill(process.pid, signal.SIGKILL)
-        while process.exit_code is None:
-            await asyncio.sleep(0.01)
-        for _ in range(3):
-            metrics.check(0)
-        await metrics.stop()
-
-    asyncio.run(run())
-    assert told == ["the process of --metrics has ended unexpectedly (exit code -9); the run continues"]

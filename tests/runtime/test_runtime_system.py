@@ -1,18 +1,13 @@
-"""Numbers that nobody must guess, timers in real time, and both ends inside another program."""
+"""Numbers that nobody must guess, and timers in real time."""
 
 import asyncio
 import secrets
-import signal
-import threading
 
 import pytest
 
 from hapticnet.protocol.settings import random_bytes
-from hapticnet.runtime.runners import run_master, run_slave
 from hapticnet.runtime.system import SystemEntropy, loop_factory, now_us, run
 from hapticnet.runtime.timer import Alarm, Ticker
-from hapticnet.runtime.udp import HostPort, bound_address, listen, open_toward
-from tests.conftest import make_master, make_slave
 
 
 def test_numbers_come_from_the_operating_system_and_lie_in_their_range(monkeypatch):
@@ -77,27 +72,3 @@ def test_an_alarm_rings_once_at_the_time_it_was_last_set_to():
     first, second = run(asyncio.wait_for(rings(), 20))
     assert first >= 60_000
     assert second >= 0
-
-
-def test_a_thread_runs_both_until_its_host_stops_them():
-    handler = signal.getsignal(signal.SIGINT)
-    ran = {}
-
-    async def run() -> None:
-        stop = asyncio.Event()
-        slave, master = make_slave(), make_master()
-        listening = listen(HostPort("127.0.0.1", 0))
-        sock, address = open_toward(bound_address(listening))
-        serving = asyncio.create_task(run_slave(slave, listening, stop=stop))
-        asyncio.get_running_loop().call_later(0.5, stop.set)
-        outcome = await run_master(master, sock, address, stop=stop)
-        await serving
-        ran.update(outcome=outcome, steps=slave.report()["sessions"][0]["steps"])
-
-    thread = threading.Thread(target=lambda: asyncio.run(run()))
-    thread.start()
-    thread.join(30.0)
-    assert ran["outcome"].connected
-    assert ran["outcome"].end_reason == "stopped"
-    assert ran["steps"] > 10
-    assert signal.getsignal(signal.SIGINT) is handler
