@@ -168,13 +168,13 @@ Device: TypeAlias = Annotated[
     str,
     Option(
         "Fingertip device: sim[:N/MM], simavr[:N/MM] (the compiled firmware, simulated), serial:auto,"
-        " serial:PATH[@BAUD], a class of yours with exchange or apply as FILE.py:CLASS or"
+        " serial:PATH, a class of yours with exchange or apply as FILE.py:CLASS or"
         " package.module:CLASS, or none. N/MM is the simulated finger's stiffness.",
         "DEVICE",
     ),
 ]
 DeviceArgument: TypeAlias = Annotated[
-    str, Option("sim[:N/MM], simavr[:N/MM], serial:auto, serial:PATH[@BAUD] or FILE.py:CLASS.", "DEVICE", argument=True)
+    str, Option("sim[:N/MM], simavr[:N/MM], serial:auto, serial:PATH or FILE.py:CLASS.", "DEVICE", argument=True)
 ]
 DeviceTakes: TypeAlias = Annotated[
     Literal["x", "y", "z", "norm"], Option("The part of a force of several axes that the device renders.")
