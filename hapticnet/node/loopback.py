@@ -2,8 +2,15 @@
 
 from typing import Final, Protocol
 
+import numpy as np
+
+from hapticnet.channel.emulator import Emulator
+from hapticnet.channel.settings import ChannelSettings
 from hapticnet.node.master import MasterNode
+from hapticnet.node.settings import MasterSettings, SlaveSettings
 from hapticnet.node.slave import SlaveNode
+from hapticnet.operator.base import Operator
+from hapticnet.scene.base import Touchable
 
 MASTER_ADDRESS: Final = "loopback"
 
@@ -84,3 +91,25 @@ class Loopback:
                 return slave_us
             for datagram in arrived:
                 master.receive_datagram(datagram, now_us)
+
+
+def emulated(
+    hand: Operator,
+    touched: Touchable,
+    settings: MasterSettings,
+    *,
+    forward: ChannelSettings,
+    feedback: ChannelSettings,
+    seed: int,
+) -> Loopback:
+    """Join a master without a device and a slave that records by emulated channels; the same seed, the same run."""
+    to_master, to_slave = (
+        Emulator[bytes](channel, np.random.default_rng([seed, number]))
+        for number, channel in ((1, feedback), (2, forward))
+    )
+    return Loopback(
+        MasterNode(hand, None, settings, np.random.default_rng([seed, 4])),
+        SlaveNode(lambda _: touched, SlaveSettings(record=True), np.random.default_rng([seed, 5])),
+        forward=to_slave,
+        feedback=to_master,
+    )
