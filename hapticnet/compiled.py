@@ -14,13 +14,10 @@ import hashlib
 import importlib.util
 import math
 import os
-import re
-import shutil
 import stat
 import sys
 import tempfile
 from collections.abc import Callable, Mapping
-from contextlib import suppress
 from functools import cache
 from itertools import chain
 from pathlib import Path
@@ -34,8 +31,6 @@ SOURCES: Final = ("*.py", "codec/**/*.py", "measure/*.py")  # sources whose cont
 LARGEST_INLINED: Final = 900
 """Size of the bytecode [B] up to which a function is compiled into its callers. Larger ones are called: they run only
 at updates. The cost of a call grows with the numbers in its arguments, so functions of a codec's state are inlined."""
-
-KEPT_FOLDERS: Final = 8  # number of folders of machine code that are kept
 
 
 def describe_core() -> str:
@@ -154,13 +149,9 @@ def _jit(
     return jitted
 
 
-_OURS: Final = re.compile(r"[0-9a-f]{16}")
-"""Names of the folders that `_folder` makes. Nothing else is removed: the folder may have been named by mistake."""
-
-
 @cache
 def _folder(base: str, folders: frozenset[Path] = frozenset()) -> Path | None:
-    """Return the folder for present machine code, and remove older ones; None if others can write it, or we cannot."""
+    """Return the folder for present machine code; None if others can write it, or we cannot."""
     package = Path(__file__).parent
     digest = hashlib.sha256()
     files = {file for pattern in SOURCES for file in package.glob(pattern)}
@@ -174,16 +165,10 @@ def _folder(base: str, folders: frozenset[Path] = frozenset()) -> Path | None:
             each.mkdir(mode=0o700, exist_ok=True)
             if each.lstat().st_uid not in (0, os.geteuid()) or each.stat().st_mode & (stat.S_IWGRP | stat.S_IWOTH):
                 return None
-        os.utime(folder)
         with tempfile.TemporaryFile(dir=folder):
             pass
     except (OSError, RuntimeError):  # RuntimeError: there is no home directory
         return None  # numba would keep it beside the sources, and use it even after a called function was edited
-    with suppress(OSError):  # another process may remove the same folders
-        ours = [each for each in caches.iterdir() if _OURS.fullmatch(each.name)]
-        newest_first = sorted(ours, key=lambda each: each.stat().st_mtime, reverse=True)
-        for old in newest_first[KEPT_FOLDERS:]:
-            shutil.rmtree(old, ignore_errors=True)
     return folder
 
 

@@ -173,14 +173,10 @@ class Board:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Disturbance:
-    """Disturbance of the host's writes. Raises SettingsError if a value is out of range."""
+    """Disturbance of the host's writes."""
 
     delay_us: int = 0  # delay [µs]
     loss: float = 0.0  # share of writes that are lost (0 to 1), requests included
-
-    def __post_init__(self) -> None:
-        check_parameter("delay", self.delay_us, 0, 10_000_000, "µs")
-        check_parameter("loss", self.loss, 0, 1)
 
 
 class SimulatedNano(Device):

@@ -1,4 +1,4 @@
-"""``hapticnet info``, ``recover``, ``export`` and ``replay``, and the verbs that read recordings."""
+"""``hapticnet info`` and ``export``, and the verbs that read recordings."""
 
 import json
 import shutil
