@@ -42,8 +42,9 @@ LONGEST_S: Final = 0.02  # longest time [s] between two ticks; after a pause, no
 
 SMALLEST_MOVE_M: Final = 1e-6  # movement [m] from which a stiffness follows
 
-SMALLEST_SHARE: Final = 0.1
-"""Least stiffness over force per depth at which the force counts as that of a spring."""
+TOLERANCE: Final = 1.2  # of the stiffness seen, which is an estimate, over K
+
+LARGEST_DEPTH_M: Final = 0.1  # deepest contact [m] of a force that counts as that of a spring
 
 
 class EnergyBound:
@@ -95,7 +96,7 @@ class EnergyBound:
                 self._began_m, self._squares_m2, self._product_j = position_m, 0.0, 0.0
             stored_j = size_n * magnitude(minus(position_m, self._began_m)) + self._allowance_j
             if follows and now_us - self._confirmed_us > CONFIRMED_US and size_n > self._law.floor_n:
-                missing_j = self._held_j(size_n, stored_j) - self.energy_j
+                missing_j = self._confirmed_j(force_n, size_n, position_m) - self.energy_j
                 self.energy_j += max(missing_j, 0.0) * elapsed_s / FILLED_IN_S
             else:
                 self.energy_j = min(self.energy_j, stored_j)
@@ -122,14 +123,15 @@ class EnergyBound:
             self._squares_m2 += square_m2
             self._product_j += dot(change_n, move_m)
 
-    def _held_j(self, size_n: float, stored_j: float) -> float:
+    def _confirmed_j(self, force_n: Vector, size_n: float, position_m: Vector) -> float:
         """Return the energy [J] that a spring of the stiffness seen lately holds at a force [N]; 0 if too stiff."""
         least_j = 0.5 * size_n * size_n / self._stiffest
         if self._squares_m2 <= SMALLEST_MOVE_M * SMALLEST_MOVE_M:
             return least_j
         stiffness = self._product_j / self._squares_m2
-        if stiffness > self._stiffest:
+        if stiffness > TOLERANCE * self._stiffest:
             return 0.0
-        if stiffness * stored_j <= SMALLEST_SHARE * size_n * size_n:
+        if stiffness * LARGEST_DEPTH_M < size_n:  # a force that hardly changes is not that of a spring
             return least_j
-        return max(least_j, min(0.5 * size_n * size_n / stiffness, stored_j))
+        self._began_m = minus(position_m, times(force_n, 1.0 / stiffness))
+        return max(least_j, 0.5 * size_n * size_n / stiffness)
