@@ -16,7 +16,7 @@ from hapticnet.cli.watching import watch_for_programs
 from hapticnet.codec.registry import parse_codec
 from hapticnet.errors import RefusedError, RunError, UnavailableError
 from hapticnet.experiment.provenance import provenance
-from hapticnet.node.events import Failed, NodeEvent, Paused, Resumed, SettingsInForce
+from hapticnet.node.events import Failed, HeldBack, NodeEvent, Paused, Resumed, SettingsInForce
 from hapticnet.node.fingertip import DeviceFound, DeviceLost, FingerMet, FingerNotMet, ForceFault
 from hapticnet.node.master import MasterNode
 from hapticnet.node.settings import MasterSettings
@@ -68,6 +68,7 @@ WORDS: Final[dict[type, str]] = {
     Failed: "{0.reason}; the force goes to zero and the session is closed",
     Noticed: "the slave says: {0.reason}",
     StepsTooSlow: "{0}",
+    HeldBack: "the force is held back: over this delay, the hand would swing against the whole of it",
     ForceFault: "platform retracted: {0.reason}",
 }  # messages for a person that need only the event
 

@@ -32,7 +32,12 @@ class Port(NamedTuple):
 
 
 class MasterEnd(Protocol):
-    """The end of a coupling at the master, for one session."""
+    """The end of a coupling at the master, for one session.
+
+    `held_back` counts the ticks at which it has changed the force.
+    """
+
+    held_back: int
 
     def outgoing(self, position_m: Vector, now_us: int) -> bytes:
         """Return the data that precedes a position, `Coupling.forward_bytes` long."""
@@ -46,7 +51,7 @@ class MasterEnd(Protocol):
         ...
 
     def report(self) -> dict[str, float]:
-        """Return its figures for JSON: ``held_back_share``, the share of ticks at which it changed the force, first."""
+        """Return its figures for JSON."""
         ...
 
 

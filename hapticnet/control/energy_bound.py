@@ -64,7 +64,7 @@ class EnergyBound:
         self._began_m: Vector = ()  # where the present contact began
         self._now_us = self._confirmed_us = 0
         self._squares_m2 = self._product_j = 0.0  # for the stiffness since the last correction
-        self._ticks = self._held_back = 0
+        self._ticks = self.held_back = 0
 
     def outgoing(self, position_m: Vector, now_us: int) -> bytes:  # noqa: ARG002
         """Return nothing: the slave takes no part."""
@@ -75,7 +75,7 @@ class EnergyBound:
 
     def report(self) -> dict[str, float]:
         """Return the share of ticks at which the force was held back, and the energy in the account [J]."""
-        return {"held_back_share": self._held_back / self._ticks if self._ticks else 0.0, "energy_j": self.energy_j}
+        return {"held_back_share": self.held_back / self._ticks if self._ticks else 0.0, "energy_j": self.energy_j}
 
     def limit(self, force_n: Vector, position_m: Vector, now_us: int, *, follows: bool) -> Vector:
         """Return the force [N] to apply until the next tick. See `couplings.MasterEnd.limit`."""
@@ -104,7 +104,7 @@ class EnergyBound:
         most_n = min(math.sqrt(2.0 * self._stiffest * self.energy_j), self._max_force_n)
         self._applied_n = force_n
         if size_n > most_n:
-            self._held_back += 1
+            self.held_back += 1
             self._applied_n = times(force_n, most_n / size_n)
         return self._applied_n
 

@@ -98,6 +98,11 @@ class Failed:
 
 
 @dataclass(frozen=True, slots=True)
+class HeldBack:
+    """The coupling holds the force back, because the hand would oscillate against it; told once a contact or so."""
+
+
+@dataclass(frozen=True, slots=True)
 class Paused:
     """The operator raised an exception: the force goes to zero and the operator is not called until `resume`."""
 
@@ -119,6 +124,7 @@ NodeEvent: TypeAlias = (
     | ChangeRefused
     | Hinted
     | Noticed
+    | HeldBack
     | StepsTooSlow
     | Paused
     | Resumed

@@ -3,7 +3,7 @@
 import math
 from collections import deque
 from dataclasses import asdict
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Final
 
 from hapticnet.checks import axes_of
 from hapticnet.codec.base import Codec
@@ -13,7 +13,7 @@ from hapticnet.device.base import Device
 from hapticnet.device.user import UserActuator
 from hapticnet.errors import PeerError, SampleError, in_words
 from hapticnet.node.applied import Applied, AppliedForce
-from hapticnet.node.events import Failed, InForce, NodeEvent, Paused, Resumed, SettingsInForce
+from hapticnet.node.events import Failed, HeldBack, InForce, NodeEvent, Paused, Resumed, SettingsInForce
 from hapticnet.node.fingertip import Fingertip, Rendering
 from hapticnet.node.positions import Forward
 from hapticnet.node.procedures import FirstTouch
@@ -44,6 +44,9 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from hapticnet.control.couplings import MasterEnd
+
+
+HELD_BACK_EVERY_US: Final = 5_000_000  # after this time [µs] without it, a force that is held back is told again
 
 
 class MasterNode:
@@ -92,6 +95,7 @@ class MasterNode:
         fingertip = self._rendering.with_loop
         self._largest_n = min(self._rendering.largest_n, getattr(operator, "max_force_n", math.inf))
         self._end = self._new_end(settings.law)
+        self._held_back, self._told_us = 0, -HELD_BACK_EVERY_US
         self._lead_us = fingertip.lead_us if fingertip is not None and self._end is None else None
         self._first_touch = FirstTouch(fingertip) if settings.first_touch and fingertip is not None else None
         self._script_start_us: int | None = None
@@ -209,6 +213,11 @@ class MasterNode:
     def check(self, now_us: int, waited_us: Clock = no_wait) -> None:
         """Check a few times a second that operator, device and codec keep up; `waited_us`: see `StepTimes.check`."""
         self._events.extend(self.times.check(now_us, waited_us) or ())
+        if self._end is not None:
+            since, self._held_back = self._end.held_back - self._held_back, self._end.held_back
+            if since and now_us - self._told_us > HELD_BACK_EVERY_US:
+                self._events.append(HeldBack())
+            self._told_us = now_us if since else self._told_us
 
     def drive(self, now_us: int) -> None:
         """Hold the force of the present position, move the device one step toward it, and record the tick."""
@@ -439,7 +448,7 @@ class MasterNode:
             codec = with_share(self._codec, share) if share else self._codec
             stiffest = stiffest_at(event.grant.rate_hz) if event.grant.announced else None
             if self._coupling.two_port:
-                self._end = self._new_end(self._codec.law)
+                self._end, self._held_back = self._new_end(self._codec.law), 0
             begins = self._applied.begin(
                 codec,
                 stiffest,

@@ -10,6 +10,7 @@ import pytest
 from hapticnet.api.link import virtual_link
 from hapticnet.control import couplings
 from hapticnet.errors import PeerError, SettingsError, UnavailableError
+from hapticnet.node.events import HeldBack
 from hapticnet.node.settings import MasterSettings
 from hapticnet.operator.yielding import HANDS, YieldingOperator
 from hapticnet.samples import PositionSample
@@ -41,7 +42,7 @@ class Offset:
 
 class OffsetMaster:
     def __init__(self, coupling):
-        self.by_m, self.heard, self.limits = coupling.by_m, [], 0
+        self.by_m, self.heard, self.held_back = coupling.by_m, [], 0
 
     def outgoing(self, position_m, _now_us):
         return struct.pack(f">{len(position_m)}d", *(self.by_m for _ in position_m))
@@ -50,11 +51,11 @@ class OffsetMaster:
         self.heard.append(struct.unpack(">f", data)[0])
 
     def limit(self, force_n, _position_m, _now_us, *, follows):  # noqa: ARG002
-        self.limits += 1
+        self.held_back += 1
         return tuple(2.0 * component for component in force_n)
 
     def report(self):
-        return {"held_back_share": 0.0}
+        return {}
 
 
 class OffsetSlave:
@@ -162,6 +163,22 @@ def test_an_arm_that_oscillates_over_a_delay_comes_to_rest_within_the_bound(make
     assert swings["energy-bounded"] < 2e-4
     assert report["name"] == "energy-bounded"
     assert report["held_back_share"] > 0.1
+
+
+def test_the_operator_is_told_that_the_force_is_held_back_and_again_after_a_while_without(make_wall):
+    link = virtual_link(scene=make_wall(100.0), operator=Still(), coupling="offset")
+    master = link._loopback.master
+    told = []
+    for number in range(200):
+        link.run(seconds=0.1)
+        if 100 <= number < 160:
+            master._end.held_back = master._held_back
+        master.check(link._loopback.now_us)
+        while (event := master.next_event()) is not None:
+            told += [number] if isinstance(event, HeldBack) else []
+    assert len(told) == 2
+    assert told[0] < 10
+    assert told[1] >= 150
 
 
 @pytest.fixture

@@ -18,7 +18,7 @@ FIXED_BYTES: Final = 8192  # room for schemas, channels, statistics and metadata
 DISTURBANCES: Final = frozenset(  # events logged as warnings: the run continues or ends safely
     (
         "LinkStale", "SessionLost", "Refused", "ChangeRefused", "Hinted", "Noticed", "DeviceLost", "Paused", "Failed",
-        "ForceFault", "FingerNotMet", "StepsTooSlow", "ScenePaused",
+        "ForceFault", "FingerNotMet", "HeldBack", "StepsTooSlow", "ScenePaused",
     )
 )  # fmt: skip
 ABOUT: Final = "hapticnet"
