@@ -148,8 +148,9 @@ Insecure: TypeAlias = Annotated[
 Operator: TypeAlias = Annotated[
     str | None,
     Option(
-        "Source of positions: scripted (insertions, the default), palpation[:axes=2] (on three or two axes), page"
-        " (the live page; the default with --page), trace:FILE[:COLUMN,…] (a recording),"
+        "Source of positions: scripted (insertions, the default), palpation[:axes=2] (on three or two axes),"
+        " hand:NAME[,KEY=VALUE…] (a hand that the force moves: arm, stiff-arm, tired-arm, finger), page (the live page;"
+        " the default with --page), trace:FILE[:COLUMN,…] (a recording),"
         " udp:[HOST:]PORT[:axes=N] (another program), or a class of yours with sample(t_us): FILE.py:CLASS or"
         " package.module:CLASS.",
         "OPERATOR",

@@ -23,6 +23,7 @@ from hapticnet.node.settings import MasterSettings, Positions, SlaveSettings
 from hapticnet.node.slave import SlaveNode
 from hapticnet.operator.base import HasSample, UserOperator
 from hapticnet.operator.scripted import scripted_hand
+from hapticnet.operator.yielding import is_hand, scripted_yielding
 from hapticnet.scene.base import HasStep
 from hapticnet.scene.bodies import BodyScene
 from hapticnet.scene.scene import Scene
@@ -177,7 +178,7 @@ def virtual_link(
     coupling: str = "direct",
     positions: Positions = "raw",
     position_share: float = 0.25,
-    operator: HasSample | None = None,
+    operator: HasSample | str | None = None,
     seed: int = 0,
     weber_fraction: float | None = None,
     floor_n: float | None = None,
@@ -209,8 +210,9 @@ def virtual_link(
     positions, position_share
         Which positions are sent, ``"raw"`` or ``"line"``, and the share of the JND that those of ``"line"`` may use.
     operator
-        Source of the positions, any object with a method ``sample(t_us)``; default: scripted needle insertions, or
-        palpation of a scene on several axes.
+        Source of the positions: any object with a method ``sample(t_us)``, or text such as ``"hand:arm"``: a hand that
+        the force moves (`operator.yielding.parse_hand`). Default: scripted needle insertions, or palpation of a scene
+        on several axes.
     seed
         Seed of hand and network.
 
@@ -239,6 +241,10 @@ def virtual_link(
     hand: Operator
     if operator is None:
         hand = scripted_hand(touched.axes, 100, np.random.default_rng([seed, 3]))
+    elif isinstance(operator, str):
+        if not is_hand(operator):
+            raise SettingsError(f"operator is {operator!r}; it must be an object, or text such as 'hand:arm'")
+        hand = scripted_yielding(operator, touched.axes, 100, np.random.default_rng([seed, 3]))
     else:
         hand = UserOperator(operator, "operator")
     settings = MasterSettings(

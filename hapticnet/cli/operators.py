@@ -1,7 +1,7 @@
 """Parse ``--operator`` and make the operator."""
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
@@ -10,12 +10,13 @@ from hapticnet.files import user_path
 if TYPE_CHECKING:
     from hapticnet.node.events import NodeEvent
     from hapticnet.operator.base import Operator
+    from hapticnet.operator.yielding import HandSpec
     from hapticnet.runtime.udp import HostPort
     from hapticnet.runtime.watching import Watcher
     from hapticnet.user_code import UserClass
 
 OPERATORS: Final = (
-    "scripted, palpation[:axes=2], page, trace:FILE[:COLUMN,…], udp:[HOST:]PORT[:axes=N],"
+    "scripted, palpation[:axes=2], hand:NAME[,KEY=VALUE…], page, trace:FILE[:COLUMN,…], udp:[HOST:]PORT[:axes=N],"
     " FILE.py:CLASS[:KEY=VALUE,…] and package.module:CLASS[:KEY=VALUE,…]"
 )
 
@@ -49,6 +50,7 @@ def make_operator(
     from hapticnet.operator.live import LiveHand
     from hapticnet.operator.scripted import InsertionSettings, ScriptedOperator
     from hapticnet.operator.trace import load_trace
+    from hapticnet.operator.yielding import is_hand, parse_hand
     from hapticnet.runtime.watching import Closing
 
     found = check_operator(spec)
@@ -56,6 +58,10 @@ def make_operator(
         made = found.make()
         return Hand(UserOperator(made, found.label), found.file, [Closing(made, found.label, warn)])
     kind, _, rest = spec.partition(":")
+    if is_hand(spec):
+        wanted = parse_hand(spec)
+        made = make_operator(_motion(wanted), insertions=insertions, seed=seed, say=say, warn=warn)
+        return replace(made, operator=wanted.holding(made.operator))
     if spec == "page":
         return Hand(LiveHand())
     if spec == "scripted":
@@ -83,8 +89,15 @@ def check_operator(spec: str) -> "UserClass | None":
     """
     from hapticnet.checks import meant
     from hapticnet.errors import SettingsError
+    from hapticnet.operator.yielding import is_hand, parse_hand
     from hapticnet.user_code import find_user_class
 
+    if is_hand(spec):
+        motion = _motion(parse_hand(spec))
+        if motion.partition(":")[0] in ("hand", "page", "udp"):
+            raise SettingsError(f"{spec!r}: no hand intends {motion!r}; try scripted, palpation, trace:FILE or a class")
+        check_operator(motion)
+        return None
     kind, _, rest = spec.partition(":")
     if kind == "palpation" and rest not in ("", "axes=2", "axes=3"):
         raise SettingsError(f"operator {spec!r}: expected palpation, palpation:axes=2 or palpation:axes=3")
@@ -93,10 +106,19 @@ def check_operator(spec: str) -> "UserClass | None":
     elif not (spec in ("page", "scripted") or kind == "palpation" or (kind == "trace" and rest)):
         found = find_user_class(spec, "operator")
         if found is None:
-            names = "scripted", "palpation", "page", "trace", "udp"
+            names = "scripted", "palpation", "hand", "page", "trace", "udp"
             raise SettingsError(f"unknown operator {spec!r}{meant(kind, names)}; there are: {OPERATORS}")
         return found
     return None
+
+
+def _motion(wanted: "HandSpec") -> str:
+    """Return the text of the operator that moves as a hand intends; SettingsError if it has other axes."""
+    from hapticnet.errors import SettingsError
+
+    if wanted.motion and wanted.axes is not None:
+        raise SettingsError("a hand has axes or a motion, not both: the motion has its own axes")
+    return wanted.motion or ("scripted" if wanted.axes in (None, 1) else f"palpation:axes={wanted.axes}")
 
 
 def _remote(spec: str, rest: str, say: Callable[[str], None], warn: Callable[[str], None]) -> Hand:

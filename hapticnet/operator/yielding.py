@@ -11,13 +11,18 @@ solution from tick to tick is therefore exact for every mass, stiffness and rate
 limit, that stops the hand within the tick.
 """
 
+import dataclasses
 import math
 from collections import deque
 from dataclasses import dataclass
 from typing import Final, NamedTuple
 
-from hapticnet.checks import check_parameter
+import numpy as np
+
+from hapticnet.checks import check_integer, check_parameter, meant
+from hapticnet.errors import SettingsError
 from hapticnet.operator.base import Operator
+from hapticnet.operator.scripted import scripted_hand
 from hapticnet.samples import PositionSample, Vector, new_tuple
 
 LONGEST_STEP_US: Final = 20_000
@@ -79,6 +84,79 @@ class GroundedSettings:
             check_parameter("rate of the device", self.rate_hz, 20.0, 1e5, "Hz")
 
 
+HAND_KEYS: Final = {
+    "mass": "mass_kg",
+    "damping": "damping_n_s_per_m",
+    "stiffness": "stiffness_n_per_m",
+    "reflex": "reflex_n_per_m",
+    "reflex-delay": "reflex_delay_s",
+}
+DEVICE_KEYS: Final = {
+    "device-mass": "mass_kg",
+    "device-damping": "damping_n_s_per_m",
+    "friction": "friction_n",
+    "max-force": "max_force_n",
+    "rate": "rate_hz",
+    "resolution": "resolution_m",
+}
+KEYS: Final = (*HAND_KEYS, *DEVICE_KEYS, "axes", "motion")
+"""What the text of a hand may give, in SI units: the hand, its device, its axes, and last of all what it intends."""
+
+
+class HandSpec(NamedTuple):
+    """A hand that yields, as its text describes it."""
+
+    hand: HandSettings
+    device: GroundedSettings
+    axes: int | None  # None: those of the scene, or of the motion
+    motion: str  # the text of another operator; empty: the scripted motion
+
+    def holding(self, intended: Operator) -> "YieldingOperator":
+        """Return the hand that intends this motion."""
+        return YieldingOperator(intended, self.hand, self.device)
+
+
+def is_hand(text: str) -> bool:
+    """Return whether the text of an operator names a hand that yields."""
+    return text.partition(":")[0] == "hand"
+
+
+def parse_hand(text: str) -> HandSpec:
+    """Return the hand written as ``hand:NAME[,KEY=VALUE…][,motion=OPERATOR]``; see `HANDS` and `KEYS`.
+
+    Raise SettingsError if there is no such hand or key, or a value is invalid.
+    """
+    given, _, motion = text.partition(":")[2].partition(",motion=")
+    name, *parts = (each.strip() for each in given.split(","))
+    if name not in HANDS:
+        raise SettingsError(f"unknown hand {name!r}{meant(name, HANDS)}; there are: {', '.join(HANDS)}")
+    values: dict[str, float] = {}
+    for part in parts:
+        key, _, value = (each.strip() for each in part.partition("="))
+        if key not in KEYS:
+            raise SettingsError(f"hand {name!r} has no {key!r}{meant(key, KEYS)}; there are: {', '.join(KEYS)}")
+        try:
+            if key in values:
+                raise ValueError
+            values[key] = float(value)
+        except ValueError:
+            raise SettingsError(f"hand {name!r}: {part!r} must be KEY=NUMBER, each key once, as in mass=0.5") from None
+    axes = values.get("axes")
+    if axes is not None:
+        check_integer("axes of the hand", axes, 1, 3)
+    hand = dataclasses.replace(HANDS[name], **{HAND_KEYS[key]: values[key] for key in values if key in HAND_KEYS})
+    device = GroundedSettings(**{DEVICE_KEYS[key]: values[key] for key in values if key in DEVICE_KEYS})
+    return HandSpec(hand, device, None if axes is None else int(axes), motion.strip())
+
+
+def scripted_yielding(text: str, axes: int, times: int, rng: np.random.Generator) -> "YieldingOperator":
+    """Return the hand of a text on so many axes; it intends the default motion, so many times. SettingsError if not."""
+    spec = parse_hand(text)
+    if spec.motion or spec.axes not in (None, axes):
+        raise SettingsError(f"operator {text!r}: omit axes and motion, which the scene gives, or pass an object")
+    return spec.holding(scripted_hand(axes, times, rng))
+
+
 class _Step(NamedTuple):
     """The exact step of mass, damper and spring over a time: x' = xx x + xv v + xf F, v' = vx x + vv v + vf F."""
 
@@ -132,6 +210,11 @@ class YieldingOperator:
         self._past: deque[tuple[int, tuple[float, ...]]] = deque()  # offsets that the reflex has not answered yet
         self._step_us = 0
         self._step = exact_step(1.0, 1.0, 1.0, 1.0)
+
+    @property
+    def max_force_n(self) -> float:
+        """Largest force [N] that the device renders."""
+        return self.device.max_force_n
 
     def feel(self, t_us: int, force_n: Vector) -> None:
         """Apply a force [N] until the next one, if the device takes one now, at most its largest."""

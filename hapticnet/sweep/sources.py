@@ -193,6 +193,11 @@ def recorded(path: Path, name: str, reading: Reading) -> Recorded:
 
 def _motion(text: str) -> InsertionSettings | PalpationSettings:
     name, _, given = text.partition(":")
+    if name == "hand":
+        raise SettingsError(
+            f"axes: {text!r} moves with the force, and a sweep replays one motion for every codec; use hapticnet"
+            " stability, or virtual_link(operator=…) for each run"
+        )
     if name not in HANDS:
         raise SettingsError(f"axes: hand {text!r} must be {' or '.join(HANDS)}, and may have :KEY=VALUE,…")
     made: Any = HANDS[name]
