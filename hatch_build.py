@@ -17,6 +17,7 @@ ROOT: Final = Path(__file__).parent
 COMPILED: Final = (
     "hapticnet/samples.py",
     "hapticnet/vectors.py",
+    "hapticnet/oscillator.py",
     "hapticnet/rounding.py",
     "hapticnet/stiffness_bound.py",
     "hapticnet/measure/running_error.py",

@@ -26,6 +26,7 @@ from hapticnet.operator.scripted import scripted_hand
 from hapticnet.operator.yielding import is_hand, scripted_yielding
 from hapticnet.scene.base import HasStep
 from hapticnet.scene.bodies import BodyScene
+from hapticnet.scene.follower import Follower
 from hapticnet.scene.scene import Scene
 from hapticnet.scene.sources import as_touchable, find_source, make_scene
 
@@ -230,7 +231,7 @@ def virtual_link(
         if not isinstance(text, str):
             raise SettingsError(f"{name} is {text!r}; it must be text, such as 'wifi' or 'delay=20ms,loss=2%'")
     touched: Touchable
-    if isinstance(scene, Scene | BodyScene):  # at rest, so that every run is the same
+    if isinstance(scene, Scene | BodyScene | Follower):  # at rest, so that every run is the same
         touched = make_scene(scene.settings)
     else:
         touched = find_source(scene).make() if isinstance(scene, str) else as_touchable(scene)

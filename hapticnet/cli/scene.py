@@ -1,6 +1,6 @@
 """``hapticnet scene``: look at a scene without a network."""
 
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
@@ -29,7 +29,8 @@ def show(scene: Spec = "paper:0", json: options.Json = False, report: options.Re
         deliver({"name": made.name, "axes": made.axes}, as_json=json, file=report)
         return
     settings = find_scene(scene)
-    others = {"other_scenes": ", ".join(["paper:SEED", *scene_names()])}
+    others: dict[str, Any] = {"follower": asdict(settings.follower)} if settings.follower is not None else {}
+    others["other_scenes"] = ", ".join(["paper:SEED", *scene_names()])
     if isinstance(settings, BodySceneSettings):
         bodies = [{key: value for key, value in asdict(body).items() if value != 0.0} for body in settings.bodies]
         account = {"name": settings.name, "axes": settings.axes, "body": bodies}

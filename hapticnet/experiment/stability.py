@@ -19,7 +19,8 @@ from hapticnet.measure.energy import energy_report
 from hapticnet.measure.stability import STIFFNESS_JND, Onset, sampled_onset
 from hapticnet.node.loopback import emulated
 from hapticnet.node.settings import MasterSettings
-from hapticnet.operator.yielding import HANDS, GroundedSettings, HandSettings, YieldingOperator, exact_step
+from hapticnet.operator.yielding import HANDS, GroundedSettings, HandSettings, YieldingOperator
+from hapticnet.oscillator import exact_step
 from hapticnet.samples import PositionSample
 from hapticnet.scene.base import Touchable
 from hapticnet.scene.scene import Scene

@@ -6,7 +6,7 @@ import math
 import reprlib
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Final, TypeAlias
+from typing import Final, Literal, TypeAlias
 
 from hapticnet.checks import axes_of, check_parameter
 from hapticnet.errors import SettingsError
@@ -106,11 +106,34 @@ def check_names(scene: str, names: Sequence[str], what: str) -> None:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class FollowerSettings:
+    """A mass that a PD or PID controller moves to the received position, and that touches the scene instead."""
+
+    mass_kg: float
+    stiffness_n_per_m: float  # force of the controller per distance from the received position
+    damping_n_s_per_m: float  # and per difference from its velocity
+    integral_n_per_m_s: float = 0.0  # and per distance and time
+    force: Literal["contact", "controller"] = "contact"  # the force that answers the position
+
+    def __post_init__(self) -> None:
+        check_parameter("follower: mass_kg", self.mass_kg, 1e-6, 100.0)
+        check_parameter("follower: stiffness_n_per_m", self.stiffness_n_per_m, 1.0, LARGEST_VALUE)
+        check_parameter("follower: damping_n_s_per_m", self.damping_n_s_per_m, 1e-3, LARGEST_VALUE)
+        most = self.damping_n_s_per_m * self.stiffness_n_per_m / self.mass_kg
+        if not 0.0 <= self.integral_n_per_m_s < most:
+            raise SettingsError(
+                f"follower: integral_n_per_m_s is {self.integral_n_per_m_s}; it must be 0 or greater, and below damping"
+                f" times stiffness over mass, {most:g}, or the follower oscillates by itself"
+            )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class SceneSettings:
     """A scene's name and its tissues, sorted from front to back."""
 
     name: str
     tissues: tuple[Tissue, ...]
+    follower: FollowerSettings | None = None  # None: the received position itself touches the scene
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "tissues", front_to_back(self.tissues))
@@ -209,6 +232,7 @@ class BodySceneSettings:
 
     name: str
     bodies: tuple[AnyBody, ...]
+    follower: FollowerSettings | None = None
 
     def __post_init__(self) -> None:
         if not self.bodies:

@@ -2,7 +2,7 @@
 
 A scene file is TOML. It has a ``name`` and either a ``[[tissue]]`` table for each tissue, or ``[[plane]]`` and
 ``[[sphere]]`` tables for bodies on two or three axes. The keys of a table are the attributes of `Tissue`, `Plane` or
-`Sphere`.
+`Sphere`. A table ``[follower]`` has the attributes of `FollowerSettings`.
 """
 
 import dataclasses
@@ -22,9 +22,18 @@ from hapticnet.recordings.loading import Columns, load_recording
 from hapticnet.samples import LARGEST_COMPONENT, Vector
 from hapticnet.scene.base import UserScene
 from hapticnet.scene.bodies import BodyScene
+from hapticnet.scene.follower import Follower
 from hapticnet.scene.recorded import RecordedScene
 from hapticnet.scene.scene import Scene
-from hapticnet.scene.settings import AnySceneSettings, BodySceneSettings, Plane, SceneSettings, Sphere, Tissue
+from hapticnet.scene.settings import (
+    AnySceneSettings,
+    BodySceneSettings,
+    FollowerSettings,
+    Plane,
+    SceneSettings,
+    Sphere,
+    Tissue,
+)
 from hapticnet.user_code import close_user_object, find_user_class
 
 if TYPE_CHECKING:
@@ -115,11 +124,13 @@ def parse_scene(text: str, source: str) -> AnySceneSettings:
             " pierces on one axis, or planes and spheres"
         )
     try:
+        follower = None if scene.follower is None else FollowerSettings(**scene.follower.model_dump())
         if bodies:
             planes = [Plane(**plane.model_dump()) for plane in scene.plane]
             spheres = [Sphere(**sphere.model_dump()) for sphere in scene.sphere]
-            return BodySceneSettings(name=scene.name, bodies=(*planes, *spheres))
-        return SceneSettings(name=scene.name, tissues=tuple(Tissue(**tissue.model_dump()) for tissue in scene.tissue))
+            return BodySceneSettings(name=scene.name, bodies=(*planes, *spheres), follower=follower)
+        tissues = tuple(Tissue(**tissue.model_dump()) for tissue in scene.tissue)
+        return SceneSettings(name=scene.name, tissues=tissues, follower=follower)
     except SettingsError as error:
         raise SettingsError(f"{source}: {error}") from error
 
@@ -132,7 +143,7 @@ def _scene_table() -> Any:
     from hapticnet.documents import STRICT
 
     tables: dict[str, Any] = {}
-    for of in Tissue, Plane, Sphere:
+    for of in Tissue, Plane, Sphere, FollowerSettings:
         keys: dict[str, Any] = {
             field.name: (
                 list[float] if field.type == Vector else field.type,  # TOML has lists
@@ -142,17 +153,22 @@ def _scene_table() -> Any:
         }
         table: Any = create_model(of.__name__, __config__=STRICT, **keys)
         tables[of.__name__.lower()] = (list[table], [])
+    del tables["followersettings"]
+    tables["follower"] = (table | None, None)  # one, not a list
     return create_model("Scene", __config__=STRICT, name=(str, ...), **tables)
 
 
 MOST_FAULTS: Final = 10  # most exceptions of ``close()`` that are remembered until the end of the run
 
 
-def make_scene(settings: "AnySceneSettings") -> Scene | BodyScene:
-    """Return a new scene of tissues or bodies."""
+def make_scene(settings: "AnySceneSettings") -> Scene | BodyScene | Follower:
+    """Return a new scene of tissues or bodies, with its follower if it has one."""
+    scene: Scene | BodyScene
     if isinstance(settings, BodySceneSettings):
-        return BodyScene(settings.bodies, name=settings.name)
-    return Scene(settings.tissues, name=settings.name)
+        scene = BodyScene(settings.bodies, name=settings.name)
+    else:
+        scene = Scene(settings.tissues, name=settings.name)
+    return scene if settings.follower is None else Follower(scene, settings.follower)
 
 
 class SceneSource:
@@ -274,7 +290,7 @@ def find_source(spec: str, folder: Path = Path()) -> SceneSource:
 
 def as_touchable(scene: "HasStep") -> "Touchable":
     """Return the scene of a user's object; raise SettingsError if it has no usable ``step``."""
-    if isinstance(scene, (Scene, BodyScene, UserScene)):
+    if isinstance(scene, (Scene, BodyScene, Follower, UserScene)):
         return scene
     if isinstance(scene, type):
         raise SettingsError(f"scene is the class {scene.__name__}; pass an object of it, {scene.__name__}()")

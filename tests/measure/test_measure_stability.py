@@ -5,7 +5,8 @@ import pytest
 
 from hapticnet.errors import SettingsError
 from hapticnet.measure.stability import Limit, display_limits, onset, sampled_onset, unfelt_depth_m
-from hapticnet.operator.yielding import HANDS, exact_step
+from hapticnet.operator.yielding import HANDS
+from hapticnet.oscillator import exact_step
 
 ARM = HANDS["arm"]
 OF_ARM = ARM.mass_kg, ARM.damping_n_s_per_m, ARM.stiffness_n_per_m

@@ -197,7 +197,7 @@ def test_every_preset_makes_a_scene_of_its_name(name: str) -> None:
 def test_the_scenes_of_the_documentation_can_be_read() -> None:
     page = Path(__file__).parents[2] / "docs" / "use" / "scenes.md"
     examples = [block.split("```")[0] for block in page.read_text(encoding="utf-8").split("```toml\n")[1:]]
-    assert [make_scene(parse_scene(example, "hill.toml")).axes for example in examples] == [1, 3]
+    assert [make_scene(parse_scene(example, "hill.toml")).axes for example in examples] == [1, 3, 1]
 
 
 @pytest.mark.parametrize("spec", ["paper:", "paper:x", "paper:-1", "paper:1.5", "paper:" + "9" * 5000])
