@@ -191,7 +191,6 @@ def show(
     of: Annotated[
         str | None, typer.Option(metavar="COLUMN[,COLUMN…]", help="Measures to show; default: the study's.")
     ] = None,
-    quantiles: Annotated[str, typer.Option(metavar="Q[,Q…]", help="Quantiles beside the mean.")] = "0.05,0.5,0.95",
     where: Annotated[
         str | None, typer.Option(metavar="SQL", help="Only these rows, such as \"codec = 'deadband' AND loss > 0\".")
     ] = None,
@@ -210,16 +209,11 @@ def show(
 ) -> None:
     """Print mean and quantiles of the results for each group of runs, or draw them."""
     from hapticnet.cli.console import Console, check_needed, check_new, check_outputs, write_text
-    from hapticnet.errors import SettingsError
     from hapticnet.experiment.table import csv_text
     from hapticnet.sweep.results import chosen, draw, open_results, summary
     from hapticnet.sweep.store import STUDY, Store
     from hapticnet.sweep.study import read_study
 
-    try:
-        shares = [float(part) for part in quantiles.split(",") if part]
-    except ValueError:
-        raise SettingsError(f"--quantiles {quantiles!r} must be numbers from 0 to 1, such as 0.05,0.5,0.95") from None
     check_needed("--plot", plot, {"--x": x, "--y": y, "--line": line, "--panel": panel})
     results = open_results(Store(folder))
     given = {"by": by, "of": of, "line": line, "panel": panel}
@@ -233,7 +227,7 @@ def show(
     check_outputs(csv, plot)
     check_new(csv, plot, overwrite=overwrite)
     groups, measures = chosen(results, shown)
-    found = summary(results, groups, measures, quantiles=shares, where=shown.where)
+    found = summary(results, groups, measures, where=shown.where)
     console = Console("sweep", quiet=json)
     if csv is not None:
         write_text(csv, csv_text(found.columns, found.rows))

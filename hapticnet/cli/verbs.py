@@ -168,7 +168,7 @@ GROUPS: Final[dict[str, tuple[str, ...]]] = {
     "Recording": ("record", "record-dir", "record-format", "record-limit"),
     "Page and monitoring": ("page", "metrics"),
     "Tables and plots": (
-        "by", "of", "quantiles", "where", "csv", "plot", "plot-dir", "plot-format", "plots", "x", "y", "line", "panel",
+        "by", "of", "where", "csv", "plot", "plot-dir", "plot-format", "plots", "x", "y", "line", "panel",
     ),
     "Output": (
         "out", "out-dir", "format", "overwrite", "json", "report", "quiet",

@@ -8,7 +8,7 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from statistics import NormalDist, fmean
-from typing import Final, Literal, TypeAlias
+from typing import Final
 
 import numpy as np
 
@@ -16,8 +16,6 @@ from hapticnet.arrays import FloatArray
 from hapticnet.checks import check_parameter, meant
 from hapticnet.errors import SettingsError
 from hapticnet.study.trial import Played
-
-Answering: TypeAlias = Literal["", "same", "never"]
 
 # A JND is the difference recognised in 75 % of forced choices: 0.954 standard deviations of one judgement.
 SIGMAS_PER_JND: Final = NormalDist().inv_cdf(0.75) * math.sqrt(2.0)
@@ -68,7 +66,6 @@ class ObserverSettings:
     rhythm: float = 0.0  # share of trials, for each unit of the step, ordered by the number of updates: fitted
     annoyance: float = 1.0  # fall of a rating for a step of one `force_jnd`: an assumption
     response_s: float = 2.0  # median time to an answer: an assumption
-    answering: Answering = ""  # "same": always that answer; "never": never "different". For tests of the procedures
 
     def __post_init__(self) -> None:
         for name, largest in LARGEST.items():
@@ -113,15 +110,13 @@ OBSERVERS: Final[Mapping[str, ObserverSettings]] = {
         ObserverSettings(name="step-masking", stiffness_jnd=0.25, step_masking=2.1),
         ObserverSettings(name="step-lapses", stiffness_jnd=FITTED_STIFFNESS_JND, step_lapses=2.2),
         ObserverSettings(name="rhythm", stiffness_jnd=FITTED_STIFFNESS_JND, rhythm=3.5),
-        ObserverSettings(name="always-same", answering="same"),
-        ObserverSettings(name="never-different", answering="never"),
     )
 }
 """The observers by name.
 
 "literature" uses nothing of the paper's results. "force-only" has no memory noise. "fitted" has the JND of stiffness
 that gives the paper's result without compression. "step-masking", "step-lapses" and "rhythm" also have a mechanism
-fitted to the paper's results at 2 and 4 JND, so they predict nothing about them. The last two test the procedures.
+fitted to the paper's results at 2 and 4 JND, so they predict nothing about them.
 """
 
 
@@ -166,8 +161,6 @@ class Observer:
 
     def different(self, first_n: float, second_n: float) -> bool:
         """Return whether the second force feels different from the first, as in the method of limits."""
-        if self.settings.answering:
-            return self.settings.answering == "same"
         if self._lapses(self.settings.lapse):
             return bool(self._rng.integers(2))
         noise_n = math.hypot(self._noise_n(first_n), self._noise_n(second_n))
@@ -176,8 +169,6 @@ class Observer:
 
     def stronger(self, first_n: float, second_n: float) -> int:
         """Return which of two forces feels stronger, 1 or 2, as in a forced choice."""
-        if self.settings.answering:
-            return 1
         if self._lapses(self.settings.lapse):
             return int(self._rng.integers(1, 3))
         noise_n = math.hypot(self._noise_n(first_n), self._noise_n(second_n))
@@ -188,8 +179,6 @@ class Observer:
 
         An untouched tissue counts as the softest.
         """
-        if self.settings.answering:
-            return tuple(range(tissues))
         # One row for each tissue: peak, updates, step, contacts.
         felt = np.tile([LEAST_FORCE_N, 0.0, 0.0, 1.0], (tissues, 1))
         for tissue in range(tissues):
@@ -202,8 +191,6 @@ class Observer:
 
     def rate(self, contacts: Sequence[Look]) -> int:
         """Return the quality of experience of a block, from 1 (bad) to 7 (excellent); worse with larger steps."""
-        if self.settings.answering:
-            return 4
         step = float(np.mean([look.step for look in contacts])) if contacts else 0.0
         jnds = step / self.settings.force_jnd if self.settings.force_jnd else 0.0
         return int(np.clip(round(6.5 - self.settings.annoyance * jnds + RATING_SD * self._rng.standard_normal()), 1, 7))

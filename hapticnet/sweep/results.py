@@ -6,7 +6,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
-from hapticnet.checks import check_parameter
 from hapticnet.errors import FileError, SettingsError, UnavailableError
 from hapticnet.experiment.style import LOG_MARK, PRINT_WIDTH_IN, check_format, draw_codecs, finish_axes, legend, picture
 from hapticnet.experiment.summary import t_quantile
@@ -118,8 +117,6 @@ def summary(
 
     Runs with errors are omitted; `where` is a condition in SQL. Raise SettingsError for either, FileError for a shard.
     """
-    for each in quantiles:
-        check_parameter("quantile", each, 0.0, 1.0)
     groups = [_quoted(name) for name in by]
     parts = [*groups, "count(*)"]
     for name in map(_quoted, of):

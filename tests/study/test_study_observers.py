@@ -139,14 +139,6 @@ def test_contacts_with_one_tissue_are_averaged_and_an_untouched_one_is_the_softe
     assert observer().order([]) in {(0, 1, 2), (0, 2, 1), (1, 0, 2), (1, 2, 0), (2, 0, 1), (2, 1, 0)}
 
 
-def test_the_two_observers_for_tests_answer_always_the_same():
-    same, never = (Observer(OBSERVERS[name], np.random.default_rng(1)) for name in ("always-same", "never-different"))
-    assert same.order([look(0, 5.0), look(1, 1.0), look(2, 2.0)]) == (0, 1, 2)
-    assert {same.stronger(1.0, 5.0), same.stronger(5.0, 1.0)} == {1}
-    assert not never.different(1.0, 5.0)
-    assert (same.rate([]), same.rate([look(0, 2.0, 0.5)])) == (4, 4)
-
-
 def test_ratings_are_whole_numbers_from_1_to_7_and_fall_with_the_step():
     one = observer(OBSERVERS["literature"])
     means = []

@@ -101,9 +101,9 @@ def test_the_jnd_is_measured_and_the_ordering_task_uses_it(folder):
     assert {row.weber_fraction for row in trials} == {float(f"{measured.weber_fraction:.9g}")}
 
 
-@pytest.mark.parametrize(("observer", "told"), [("never-different", "no_jnd"), ("always-same", "catch_pairs")])
-def test_observers_without_a_jnd_end_with_an_account_of_it(folder, observer, told):
-    words = ("--participant", "03", "--plan", "plan.toml", "--simulate", observer)
+@pytest.mark.parametrize(("criterion", "told"), [(10, "no_jnd"), (0, "catch_pairs")])
+def test_observers_without_a_jnd_end_with_an_account_of_it(folder, criterion, told):
+    words = ("--participant", "03", "--plan", "plan.toml", "--simulate", f"literature:criterion={criterion}")
     done = experiment(folder, "limits", *words)
     assert done.returncode == 0, done.stderr
     assert told in done.stdout or "no_jnd" in done.stdout

@@ -50,7 +50,6 @@ export class Stage {
     this._mayStopOthers = view === "watch";
     byId("hand-button").addEventListener("click", () => this._pressButton());
     byId("notice").querySelector("button").addEventListener("click", () => this._retry());
-    this._wireTheme();
     this._show();
     requestAnimationFrame((nowMs) => this._frame(nowMs));
   }
@@ -265,16 +264,6 @@ export class Stage {
       this.canvas.ariaValueText = sceneWords(this.scene.tipM, this._scene?.tissues ?? [], this._contacts, forceN, this._inExperiment);
     }
     requestAnimationFrame((next) => this._frame(next));
-  }
-
-  _wireTheme() {
-    const button = byId("theme");
-    const show = () => {
-      button.ariaPressed = String(document.documentElement.dataset.theme === "dark");
-    };
-    button.addEventListener("click", () => dispatchEvent(new Event("themetoggle")));
-    addEventListener("themechange", show);
-    show();
   }
 }
 
