@@ -20,10 +20,10 @@ known; u32 number of the frame, in which a gap shows that frames were left out; 
 HAND, or 0; f32 position of the needle's tip; n × f32 position of each surface, front to back, which follows the tip
 while the tissue is indented; n × u8 contact with each tissue.
 
-``SAMPLES``, to the watch view, each tick since the last message (in the first, up to `HISTORY_S` of the past): u8 2;
-u8 number c of columns; u16 number r of rows; u32 number of the first row modulo 2³², in which a gap shows that messages
-were left out because the page reads too slowly; f64 time of the first row [s] since the server began; c × r × f32,
-column by column, in the order of ``columns`` in the hello. A page finds a column by its name:
+``SAMPLES``, to the watch view, each tick since the last message: u8 2; u8 number c of columns; u16 number r of rows;
+u32 number of the first row modulo 2³², in which a gap shows that messages were left out because the page reads too
+slowly; f64 time of the first row [s] since the server began; c × r × f32, column by column, in the order of ``columns``
+in the hello. A page finds a column by its name:
 
 =============  ========================================================================================================
 ``t``          time [s] since the first row of this message

@@ -73,7 +73,7 @@ class Page(Audience):
 
     def connect(self, client: "Client") -> None:
         """Greet a page."""
-        self._flush()  # so that the past it gets ends where its first message begins
+        self._flush()  # so that its first message begins with the next tick
         super().connect(client)
 
     def disconnect(self, client: "Client") -> None:
@@ -96,8 +96,6 @@ class Page(Audience):
             for event in self._events:
                 client.post(event)
             client.post(self._state())
-            for block in self._ticks.history():
-                client.post_replaceable(block)
 
     def _obey(self, client: "Client", message: PageMessage) -> None:
         if client.view != "watch":

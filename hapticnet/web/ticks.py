@@ -13,14 +13,12 @@ from hapticnet.protocol.wire import Kind
 from hapticnet.web import messages
 from hapticnet.web.mirror import Mirror
 
-MOST_KEPT: Final = 20_000  # most rows kept for a new page
+MOST_KEPT: Final = 20_000  # most rows kept for `felt`
 _FORCE: Final = int(Kind.FORCE)
-_TRUE: Final = messages.COLUMNS.index("true")
-_HELD: Final = messages.COLUMNS.index("held")
 
 
 class Ticks:
-    """Rows of a master's ticks, with the newest `messages.HISTORY_S` kept for pages that open later."""
+    """Rows of a master's ticks since a page began."""
 
     def __init__(self, node: MasterNode, start_us: int) -> None:
         self.rows = 0  # number of rows so far
@@ -29,8 +27,7 @@ class Ticks:
         self._rows: list[tuple[float, ...]] = []
         self._packets = 0.0
         self._felt = False
-        self._past = np.empty((len(messages.COLUMNS), 2 * MOST_KEPT))  # times [s] since the server began come first
-        self._begin = self._end = 0  # of the kept rows
+        self._past = np.empty((3, 0))  # of the newest rows: time [s] since the server began, true and held force
 
     def add(self, now_us: int) -> None:
         """Record a tick; called during it."""
@@ -70,7 +67,8 @@ class Ticks:
         start_s = 1e-6 * float(t_us[0] - self._start_us)
         first = self.rows
         self.rows += len(rows)
-        self._keep(start_s, columns)
+        past = np.concatenate([self._past, [start_s + times_s, true, held]], axis=1)
+        self._past = past[:, past[0] >= past[0, -1] - messages.HISTORY_S][:, -MOST_KEPT:]
         return _in_messages(first, start_s, columns)
 
     def take_felt(self) -> bool:
@@ -79,38 +77,10 @@ class Ticks:
         return felt
 
     def felt(self, law: WeberLaw) -> FeltReport | None:
-        """Return how far what was held in the past that is kept is from the true force; None where that is unknown."""
-        true, held = self._past[_TRUE, self._begin : self._end], self._past[_HELD, self._begin : self._end]
+        """Return how far the held is from the true force in the newest `messages.HISTORY_S`; None if unknown."""
+        _, true, held = self._past
         known = np.isfinite(true)
         return error_report(law, true[known, None], held[known, None]) if known.any() else None
-
-    def history(self) -> list[bytes]:
-        """Return SAMPLES messages of the kept history, for a page that opens now."""
-        kept = self._past[:, self._begin : self._end].copy()
-        if not kept.shape[1]:
-            return []
-        start_s = float(kept[0, 0])
-        kept[0] -= start_s
-        return _in_messages(self.rows - kept.shape[1], start_s, kept)
-
-    def _keep(self, start_s: float, columns: FloatArray) -> None:
-        # One array that is filled and then restarted: pieces would have to be joined for each page that
-        # opens, which takes longer than a tick.
-        past, count = self._past, columns.shape[1]
-        if count > MOST_KEPT:  # the loop was stopped for long
-            columns, count = columns[:, -MOST_KEPT:], MOST_KEPT
-        if self._end + count > past.shape[1]:
-            self._begin = max(self._begin, self._end - MOST_KEPT)
-            kept = past[:, self._begin : self._end].copy()
-            self._begin, self._end = 0, kept.shape[1]
-            past[:, : self._end] = kept
-        added = past[:, self._end : self._end + count]
-        added[:] = columns
-        added[0] += start_s
-        self._end += count
-        times_s = past[0, self._begin : self._end]
-        outdated = int(np.searchsorted(times_s, times_s[-1] - messages.HISTORY_S))
-        self._begin = max(self._begin + outdated, self._end - MOST_KEPT)
 
 
 def _in_messages(first: int, start_s: float, columns: FloatArray) -> list[bytes]:

@@ -3,13 +3,12 @@
 import asyncio
 from collections.abc import AsyncIterator, Callable
 from contextlib import AbstractAsyncContextManager, asynccontextmanager
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import aiohttp
 
 from hapticnet.node.procedures import Met
-from hapticnet.node.settings import MasterSettings
 from hapticnet.operator.live import LiveHand
 from hapticnet.protocol.states import Connected
 from hapticnet.runtime.system import now_us
@@ -20,9 +19,10 @@ from hapticnet.study.rig import Activity, Meet, Outcome
 from hapticnet.study.rows import OrderRow
 from hapticnet.study.session import SessionSettings, conduct, open_session
 from hapticnet.study.tasks import ORDER
-from hapticnet.study.trial import NO_MEASURES, Played, Stimulus
+from hapticnet.study.trial import Stimulus
 from hapticnet.web.access import Access, listen_for_pages
 from hapticnet.web.server import Server
+from tests.study.conducted import played
 from tests.web.rig import WITHIN_S, Client, connected
 
 GRANT = object()
@@ -63,20 +63,9 @@ class StandInRig:
             self._page.observe(now_us())
             await asyncio.sleep(0.002)
         self.running = None
-        forces_n = activity.breach_forces_n
         share = 0.1 if self.undelivered else 1.0
         self.undelivered = max(0, self.undelivered - 1)
-        measures = replace(
-            NO_MEASURES, peaks_held_n=forces_n, peaks_sensed_n=tuple(share * force_n for force_n in forces_n)
-        )
-        return Played(
-            stimulus=activity,
-            measures=measures,
-            ticks={},
-            datagrams={},
-            settings=MasterSettings(),
-            in_force=(),
-        )
+        return played(activity, delivered=share)
 
 
 @dataclass

@@ -197,17 +197,6 @@ async def test_a_script_can_be_watched_but_not_taken():
 
 
 @played
-async def test_a_page_that_opens_later_gets_the_past():
-    async with rig() as run, run.open("watch") as early:
-        await until(lambda: sum(block.shape[1] for _, _, block in early.blocks) > 300)
-        async with run.open("watch") as late:
-            await until(lambda: bool(late.blocks))
-            assert late.blocks[0][0] == 0
-            assert late.blocks[0][2].shape[1] >= 300
-            assert await late.hear("event")
-
-
-@played
 async def test_without_a_slave_the_page_says_that_there_is_nothing_to_touch():
     async with rig(with_slave=False) as run, run.open("operator") as client:
         await client.hear("ready", ready=False)

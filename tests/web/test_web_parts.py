@@ -9,18 +9,18 @@ import numpy as np
 import pytest
 
 from hapticnet.errors import UnavailableError
+from hapticnet.perception import WeberLaw
 from hapticnet.protocol.stats import Distribution
 from hapticnet.protocol.wire import Kind
 from hapticnet.runtime.udp import HostPort
 from hapticnet.samples import PositionSample
 from hapticnet.scene.scene import Scene
 from hapticnet.scene.sources import find_scene
-from hapticnet.web import messages
 from hapticnet.web.access import DEFAULT, Access, listen_for_pages
 from hapticnet.web.client import LARGEST_BACKLOG, LONGEST_QUEUE, MOST_MESSAGES_PER_S, Client
 from hapticnet.web.mirror import Mirror, scene_called
 from hapticnet.web.server import static_files
-from hapticnet.web.ticks import MOST_KEPT, Ticks
+from hapticnet.web.ticks import Ticks
 from hapticnet.web.traffic import RecentMedian, TrafficMeter
 from tests.web.rig import played, read_samples
 
@@ -98,36 +98,20 @@ def test_rows_are_numbered_without_gaps_and_timed_from_the_start():
     assert rows[4].tolist() == list(range(40))
     assert rows[8].tolist() == [tick % 2 for tick in range(40)]
     assert np.isnan(rows[2]).all()
-    (again,) = map(read_samples, ticks.history())
-    assert again[0] == 0
-    assert (again[2][4] == rows[4]).all()
-    assert again[1] + again[2][0] == pytest.approx(np.arange(40) * 1e-3)
 
 
-@pytest.mark.parametrize(
-    ("rows", "batches", "tick_us", "kept_s"),
-    [
-        (100, 100, 1000, (messages.HISTORY_S - 0.2, messages.HISTORY_S + 0.3)),
-        (1000, 30, 100, (MOST_KEPT * 1e-4,) * 2),
-        (messages.MOST_ROWS - 1, 2, 100, (MOST_KEPT * 1e-4,) * 2),
-    ],
-)
-def test_the_history_is_the_newest_rows_and_bounded_at_any_rate(rows, batches, tick_us, kept_s):
-    node = Node()
-    node.position_m = (0.5,)
+def test_what_is_felt_is_that_of_the_newest_seconds():
+    node, mirror = Node(), Mirror(find_scene("paper:4"), is_new=True)
+    node.position_m = (0.0,)
     ticks = Ticks(node, 0)
-    for batch in range(batches):
-        for row in range(rows):
-            tick = batch * rows + row
-            node.held_n = (float(tick),)
-            ticks.add(tick_us * tick)
-        ticks.take(None)
-    (first, start_s, kept), *_ = map(read_samples, ticks.history())
-    count = kept.shape[1]
-    assert first + count == ticks.rows == rows * batches
-    assert kept_s[0] - 1e-9 <= count * tick_us / 1e6 <= kept_s[1] + 1e-9
-    assert kept[4].tolist() == list(range(first, first + count))
-    assert start_s + kept[0] == pytest.approx(tick_us / 1e6 * np.arange(first, first + count))
+    for second, held_n in enumerate((1.0, *[0.0] * 4, 1.0)):
+        node.held_n = (held_n,)
+        for tick in range(1000):
+            ticks.add(1_000_000 * second + 1000 * tick)
+        ticks.take(mirror)
+    felt = ticks.felt(WeberLaw())
+    assert felt is not None
+    assert felt.exceed_jnd_fraction == pytest.approx(0.2, abs=1e-3)
 
 
 def test_a_force_of_several_axes_is_shown_by_its_norm():
