@@ -7,7 +7,7 @@ hand, and a late force feeds energy back: the hand may swing for ever. A map has
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Final
+from typing import Final, TypeAlias
 
 import numpy as np
 
@@ -20,7 +20,6 @@ from hapticnet.measure.stability import STIFFNESS_JND, Onset, sampled_onset
 from hapticnet.node.loopback import emulated
 from hapticnet.node.settings import MasterSettings
 from hapticnet.operator.yielding import HANDS, GroundedSettings, HandSettings, YieldingOperator
-from hapticnet.oscillator import exact_step
 from hapticnet.samples import PositionSample
 from hapticnet.scene.base import Touchable
 from hapticnet.scene.scene import Scene
@@ -39,7 +38,7 @@ DECAYS: Final = 0.95
 the surface: a hand that bounces may fall from a hard impact into a swing that stays."""
 
 PRESS_N: Final = 3.0  # force of the press
-JERK_N: Final = 0.5  # force by which the hand is jerked, for `JERK_S`
+JERK_SHARE: Final = 0.15  # of it, by which the hand is jerked for `JERK_S`
 FROM_M, GENTLY_FROM_M = -0.01, -0.001  # start of the press, before the surface
 PRESSED_S, JERKED_S, JERK_S, AFTER_S, WINDOW_S, EASE_S, SLOW_S = 0.8, 1.2, 0.05, 0.2, 1.2, 0.7, 2.5
 """End of the press, start and length of the jerk, pause after it, length of each of two windows of rest, and then time
@@ -52,6 +51,7 @@ PROBED_M: Final = (-0.02, 0.2)  # where the surface of a given scene is looked f
 PROBE_M, PROBE_US = 0.05e-3, 10_000  # in these steps, slowly
 WAIT_S: Final = 10.0  # longest wait for a session
 
+Cell: TypeAlias = tuple[float | None, float]  # of a map: stiffness [N/m], None for a given scene; round trip [s]
 LATE_TICKS: Final = 1
 """Ticks from a position to its force without any delay: it arrives after the tick, and is applied from the next on."""
 
@@ -88,13 +88,13 @@ class Setup:
     def expected(self, round_trip_s: float) -> Onset:
         """Return where this hand would begin to swing against a spring without any codec or coupling."""
         hand, device, step_s = self.hand, self.device, 1.0 / self.master.rate_hz
-        step = exact_step(
+        return sampled_onset(
             hand.mass_kg + device.mass_kg,
             hand.damping_n_s_per_m + device.damping_n_s_per_m,
             hand.stiffness_n_per_m,
             step_s,
+            LATE_TICKS + math.floor(round_trip_s / step_s + 1e-9),
         )
-        return sampled_onset(step, step_s, LATE_TICKS + math.floor(round_trip_s / step_s + 1e-9))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -104,10 +104,8 @@ class Outcome:
     stiffness_n_per_m: float | None  # of the wall; None for a given scene
     round_trip_s: float
     stable: bool  # whether the swing is small or decays, in position and force
-    swing_m: float  # largest sustained swing, peak to peak, in the late window of rest
+    swing_m: float  # of the hand in the late window of rest, peak to peak
     swing_n: float
-    early_swing_m: float  # the same in the window before it
-    early_swing_n: float
     largest_n: float  # largest force of the device on the hand
     created_j: float  # energy; see `EnergyReport`
     active_j: float
@@ -143,19 +141,16 @@ class Outcome:
 class _Press:
     """The motion that the hand intends; see the module. Satisfies `Operator`."""
 
-    def __init__(
-        self, setup: Setup, surface_m: float, depth_m: float, force_n: float, delay_s: float, *, gentle: bool
-    ) -> None:
+    def __init__(self, setup: Setup, at: tuple[float, float], force_n: float, delay_s: float, *, gentle: bool) -> None:
         hand, from_m = setup.hand, (GENTLY_FROM_M if gentle else FROM_M)
         self.axes = 1
-        self._from_m = surface_m + from_m
-        self._by_m = depth_m + force_n / hand.stiffness_n_per_m - from_m
-        self._jerk_m = JERK_N / PRESS_N * force_n / hand.stiffness_n_per_m
+        self._from_m = at[0] + from_m
+        self._by_m = at[1] + force_n / hand.stiffness_n_per_m - from_m
+        self._jerk_m = JERK_SHARE * force_n / hand.stiffness_n_per_m
         # Two windows that hold at least a period and a half of the hand by itself
         own_s = 2.0 * math.pi * math.sqrt((hand.mass_kg + setup.device.mass_kg) / hand.stiffness_n_per_m)
         self.window_s = max(WINDOW_S, 1.5 * own_s) * (2.0 if gentle else 1.0)
-        self.rests_s = JERKED_S + JERK_S + AFTER_S + delay_s
-        self.slow_s = self.rests_s + 2.0 * self.window_s
+        self.slow_s = JERKED_S + JERK_S + AFTER_S + delay_s + 2.0 * self.window_s
         self.measures_s = self.slow_s + EASE_S + delay_s
         self._amplitude_m = self._by_m + from_m
         self.duration_us: int | None = round(1e6 * (self.measures_s + SLOW_S))
@@ -198,11 +193,8 @@ def press(setup: Setup, stiffness_n_per_m: float | None, round_trip_s: float, *,
     for the onset, which is that of the linear system.
     """
     touched, pressed_n = setup.scene_of(stiffness_n_per_m), min(PRESS_N, 0.6 * setup.device.max_force_n)
-    if stiffness_n_per_m is None:
-        surface_m, depth_m = _surface(setup.scene_of(None), pressed_n)
-    else:
-        surface_m, depth_m = 0.0, pressed_n / stiffness_n_per_m
-    motion = _Press(setup, surface_m, depth_m, pressed_n, round_trip_s, gentle=gentle)
+    at = (0.0, pressed_n / stiffness_n_per_m) if stiffness_n_per_m else _surface(setup.scene_of(None), pressed_n)
+    motion = _Press(setup, at, pressed_n, round_trip_s, gentle=gentle)
     hand = _Watched(YieldingOperator(motion, setup.hand, setup.device))
     round_trip_us = round(1e6 * round_trip_s)
     link = emulated(
@@ -228,19 +220,15 @@ def press(setup: Setup, stiffness_n_per_m: float | None, round_trip_s: float, *,
         scene.step(PositionSample(int(at_us), (float(x),))).force_n[0] for at_us, x in zip(t_us, at_m, strict=True)
     ])  # fmt: skip
 
-    def swings(end_s: float) -> tuple[float, float]:
-        window = (t_s > end_s - motion.window_s) & (t_s <= end_s)
-        return (float(np.ptp(at_m[window])), float(np.ptp(applied_n[window]))) if window.any() else (math.inf, math.inf)
-
     end_s = min(motion.slow_s, float(t_s[-1]))
-    (early_m, early_n), (late_m, late_n) = swings(end_s - motion.window_s), swings(end_s)
-    bounces = bool(np.any(true_n[(t_s > end_s - motion.window_s) & (t_s <= end_s)] <= 0.0))
-    stable = link.master.failure is None and hand.t_us[-1] >= ends_us
-    for early, late, small in (
-        (early_m, late_m, SMALL_SWING_M),
-        (early_n, late_n, SMALL_SWING_JND * law.jnd_n(pressed_n)),
-    ):
-        stable = stable and (late <= small or (late < DECAYS * early and not bounces))
+    early, late = (
+        (t_s > end_s - number * motion.window_s) & (t_s <= end_s - (number - 1) * motion.window_s) for number in (2, 1)
+    )
+    stable, swings = link.master.failure is None and hand.t_us[-1] >= ends_us, []
+    for values, small in (at_m, SMALL_SWING_M), (applied_n, SMALL_SWING_JND * law.jnd_n(pressed_n)):
+        before, swing = (float(np.ptp(values[each])) if each.any() else 0.0 for each in (early, late))
+        stable = stable and (swing <= small or (swing < DECAYS * before and bool(np.all(true_n[late] > 0.0))))
+        swings.append(swing)
     moving = (t_s > motion.measures_s) & (t_s <= motion.measures_s + SLOW_S)
     measurable = stable and not gentle and float(np.ptp(at_m[moving])) > 0.0
     now_us = t_us - hand.t_us[-1] + master["t_us"][-1]
@@ -251,10 +239,8 @@ def press(setup: Setup, stiffness_n_per_m: float | None, round_trip_s: float, *,
         stiffness_n_per_m=stiffness_n_per_m,
         round_trip_s=round_trip_s,
         stable=stable,
-        swing_m=late_m,
-        swing_n=late_n,
-        early_swing_m=early_m,
-        early_swing_n=early_n,
+        swing_m=swings[0],
+        swing_n=swings[1],
         largest_n=float(np.abs(applied_n).max()),
         created_j=energy.created_j,
         active_j=energy.active_j,
@@ -273,9 +259,8 @@ def press(setup: Setup, stiffness_n_per_m: float | None, round_trip_s: float, *,
 
 def _surface(scene: Touchable, force_n: float) -> tuple[float, float]:
     """Return where a scene's surface is [m], and how deep it must be pressed for a force."""
-    surface_m, steps = None, round((PROBED_M[1] - PROBED_M[0]) / PROBE_M)
-    for number in range(steps + 1):
-        at_m = PROBED_M[0] + number * PROBE_M
+    surface_m = None
+    for number, at_m in enumerate(np.arange(*PROBED_M, PROBE_M).tolist()):
         felt_n = scene.step(PositionSample(number * PROBE_US, (at_m,))).force_n[0]
         if surface_m is None and felt_n > 0.0:
             surface_m = at_m - PROBE_M
@@ -320,25 +305,25 @@ def onset_of(setup: Setup, round_trip_s: float, low: float, high: float, *, with
 
     The lower bound if the hand swings there, and infinity if it does not at the upper one.
     """
-    if not press(setup, low, round_trip_s, gentle=True).stable:
+
+    def holds(stiffness: float) -> bool:
+        return press(setup, stiffness, round_trip_s, gentle=True).stable
+
+    if not holds(low):
         return low
-    if press(setup, high, round_trip_s, gentle=True).stable:
+    if holds(high):
         return math.inf
     while high > low * (1.0 + within):
         middle = math.sqrt(low * high)
-        stable = press(setup, middle, round_trip_s, gentle=True).stable
-        low, high = (middle, high) if stable else (low, middle)
+        low, high = (middle, high) if holds(middle) else (low, middle)
     return math.sqrt(low * high)
 
 
-def stability_map(
-    setup: Setup, stiffnesses: Sequence[float | None], round_trips_s: Sequence[float], *, jobs: int = 1
-) -> Iterator[Outcome]:
-    """Yield the outcomes of a map, by delay and then by stiffness; they do not depend on the number of processes."""
-    cells = [(stiffness, delay_s) for delay_s in round_trips_s for stiffness in stiffnesses]
+def outcomes(setup: Setup, cells: Sequence[Cell], *, jobs: int = 1) -> Iterator[Outcome]:
+    """Yield the outcome of each press; they do not depend on the number of processes."""
     with workers(min(jobs, len(cells)), setup) as run:
-        yield from run(_cell, cells)
+        yield from run(_press, cells)
 
 
-def _cell(setup: Setup, cell: tuple[float | None, float]) -> Outcome:
+def _press(setup: Setup, cell: Cell) -> Outcome:
     return press(setup, *cell)

@@ -5,10 +5,11 @@ comes back one round trip T late: ``M s² + B s + K + K_e e^(−sT) = 0``. Above
 """
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from typing import Final, NamedTuple
 
 from hapticnet.checks import check_parameter
+from hapticnet.oscillator import exact_step
 
 NOTICED_WITH_DAMPER_S: Final = 0.015
 NOTICED_WITH_SPRING_S: Final = 0.036
@@ -51,14 +52,12 @@ def onset(mass_kg: float, damping: float, stiffness: float, delay_s: float) -> O
     return Onset(size(omega), omega / (2.0 * math.pi))
 
 
-def sampled_onset(step: Sequence[float], step_s: float, late_ticks: int) -> Onset:
-    """Return the same for the sampled loop, exactly, with forces that are held from tick to tick.
+def sampled_onset(mass_kg: float, damping: float, stiffness: float, step_s: float, late_ticks: int) -> Onset:
+    """Return the same for the sampled loop, exactly, with forces that are held from tick to tick (`step_s` [s]).
 
-    `step` is that of mass, damper and spring from tick to tick, which last `step_s` [s], as the six numbers of
-    ``x' = xx x + xv v + xf F, v' = vx x + vv v + vf F``. The force of the position of tick k acts from tick
-    ``k + late_ticks`` on.
+    The force of the position of tick k acts from tick ``k + late_ticks`` on.
     """
-    xx, xv, xf, vx, vv, vf = step
+    xx, xv, xf, vx, vv, vf = exact_step(mass_kg, damping, stiffness, step_s)
     total, product = xx + vv, xx * vv - xv * vx
     zero = vv - xv * vf / xf
 
@@ -89,36 +88,18 @@ def _softest(phase: Callable[[float], float], size: Callable[[float], float], hi
     return min(found, key=size)
 
 
-class Limit(NamedTuple):
-    """The stiffest spring [N/m] that something allows, and what."""
-
-    stiffness_n_per_m: float
-    cause: str
-
-
 def display_limits(
-    *,
-    damping: float,
-    period_s: float,
-    friction_n: float = 0.0,
-    resolution_m: float = 0.0,
-    max_force_n: float = math.inf,
-    depth_m: float = 0.0,
-) -> list[Limit]:
-    """Return what limits the stiffness that a device displays, the softest first; a delay comes on top.
+    *, damping: float, period_s: float, friction_n: float = 0.0, resolution_m: float = 0.0,
+    max_force_n: float = math.inf, depth_m: float = 1e-3,
+) -> list[tuple[float, str]]:  # fmt: skip
+    """Return the stiffest springs [N/m] that can be displayed and what limits each, the softest first, without a delay.
 
     A spring that is sampled every `period_s` [s] and held creates energy that the damping [N·s/m] of hand and device
     must absorb (Colgate and Schenkel 1997): ``b > K·T/2``. A position that is known in steps creates energy that
     friction must absorb (Abbott and Okamura 2005; Diolaiti et al. 2006): ``f ≥ K·q/2``. No force exceeds the largest.
+    And over a delay nothing of a surface is felt before the hand is a round trip times its speed inside.
     """
-    limits = [Limit(2.0 * damping / period_s, "damping and rate")]
+    limits = [(2.0 * damping / period_s, "damping and rate"), (max_force_n / depth_m, "largest force")]
     if resolution_m:
-        limits.append(Limit(2.0 * friction_n / resolution_m, "friction and resolution"))
-    if depth_m:
-        limits.append(Limit(max_force_n / depth_m, "largest force"))
+        limits.append((2.0 * friction_n / resolution_m, "friction and resolution"))
     return sorted(limits)
-
-
-def unfelt_depth_m(speed_m_per_s: float, round_trip_s: float) -> float:
-    """Return how deep a hand enters a surface before anything of it can be felt, unless it was announced."""
-    return speed_m_per_s * round_trip_s
