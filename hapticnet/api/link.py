@@ -9,7 +9,6 @@ import numpy as np
 from hapticnet.api.encoding import Table, make_codec
 from hapticnet.api.inputs import serve_class
 from hapticnet.arrays import FloatArray
-from hapticnet.channel.emulator import Emulator
 from hapticnet.channel.spec import parse_channel
 from hapticnet.checks import check_integer, check_parameter
 from hapticnet.codec import registry
@@ -17,10 +16,8 @@ from hapticnet.codec.base import Codec
 from hapticnet.errors import SettingsError, UnavailableError
 from hapticnet.experiment.analysis import felt_error
 from hapticnet.measure.metrics import ErrorReport
-from hapticnet.node.loopback import Loopback
-from hapticnet.node.master import MasterNode
-from hapticnet.node.settings import MasterSettings, Positions, SlaveSettings
-from hapticnet.node.slave import SlaveNode
+from hapticnet.node.loopback import Loopback, emulated
+from hapticnet.node.settings import MasterSettings, Positions
 from hapticnet.operator.base import HasSample, UserOperator
 from hapticnet.operator.scripted import scripted_hand
 from hapticnet.operator.yielding import is_hand, scripted_yielding
@@ -235,10 +232,7 @@ def virtual_link(
         touched = make_scene(scene.settings)
     else:
         touched = find_source(scene).make() if isinstance(scene, str) else as_touchable(scene)
-    to_master, to_slave = (
-        Emulator[bytes](parse_channel(spec), np.random.default_rng([seed, number]))
-        for number, spec in ((1, feedback), (2, forward))
-    )
+    channels = {"forward": parse_channel(forward), "feedback": parse_channel(feedback)}
     hand: Operator
     if operator is None:
         hand = scripted_hand(touched.axes, 100, np.random.default_rng([seed, 3]))
@@ -260,10 +254,4 @@ def virtual_link(
         positions=positions,
         position_share=position_share,
     )
-    loopback = Loopback(
-        MasterNode(hand, None, settings, np.random.default_rng([seed, 4])),
-        SlaveNode(lambda _: touched, SlaveSettings(record=True), np.random.default_rng([seed, 5])),
-        forward=to_slave,
-        feedback=to_master,
-    )
-    return VirtualLink(loopback, chosen)
+    return VirtualLink(emulated(hand, touched, settings, **channels, seed=seed), chosen)
