@@ -87,10 +87,9 @@ def test_one_of_several_slaves_differs_from_a_single_one_in_its_name_and_its_fil
     assert changed == {"Description", "ExecStart", "WorkingDirectory", "StateDirectory"}
 
 
-def test_the_configuration_of_the_services_sets_options_that_exist():
-    path = UNITS / "hapticnet.toml"
-    found = from_file(path, {name: VERBS[(name,)] for name in SERVICES})
-    assert all(found.values())
+@pytest.mark.parametrize("file", [UNITS / "hapticnet.toml", UNITS.parent / "docker" / "master.toml"], ids=str)
+def test_the_configuration_of_the_services_sets_options_that_exist(file):
+    assert from_file(file, {name: VERBS[(name,)] for name in SERVICES})["master"]["device"].startswith("serial:")
 
 
 def test_a_slave_tells_systemd_that_it_is_ready_alive_and_stopping(start, tmp_path):  # noqa: F811
