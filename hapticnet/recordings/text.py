@@ -4,19 +4,18 @@ import codecs
 import csv
 import math
 import re
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager, nullcontext
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from functools import partial
 from itertools import islice
 from pathlib import Path
-from typing import Any, Final, NamedTuple, TextIO
+from typing import Final, NamedTuple, TextIO
 
 import numpy as np
-from numpy.typing import NDArray
 
 from hapticnet.arrays import FloatArray, IntArray
 from hapticnet.errors import FileError, visible
-from hapticnet.files import MAX_BYTES, check_readable, replacing
+from hapticnet.files import MAX_BYTES, check_readable
 from hapticnet.recordings.columns import (
     FORCE_UNITS,
     LENGTH_UNITS,
@@ -56,18 +55,6 @@ def read_csv(path: Path, columns: Sequence[str] | None = None, *, max_bytes: int
         row, column = faults[0]
         raise FileError(f'{path}, {source.place(int(row))}, column "{names[column]}": no finite number')
     return {name: np.ascontiguousarray(values[:, index]) for index, name in enumerate(names)}
-
-
-def write_csv(target: Path | TextIO, columns: Mapping[str, Sequence[float] | NDArray[Any]]) -> None:
-    """Write columns of equal length under their names to a file or stream; FileError if it cannot be written."""
-    values = [column.tolist() if isinstance(column, np.ndarray) else column for column in columns.values()]
-    lengths = {name: len(column) for name, column in columns.items()}
-    if len(set(lengths.values())) > 1:
-        raise ValueError(f"columns of unequal length: {lengths}")
-    with replacing(target) if isinstance(target, Path) else nullcontext(target) as file:
-        writer = csv.writer(file, lineterminator="\n")
-        writer.writerow(columns)
-        writer.writerows(zip(*values, strict=True))
 
 
 class _IrregularError(Exception):

@@ -257,10 +257,10 @@ class VirtualRig:
         return outcome_of(loopback.master, stimulus, fault)
 
 
-def play_trial(stimulus: Stimulus, *, make_hand: MakeHand = scripted_hand) -> Played:
+def play_trial(stimulus: Stimulus) -> Played:
     """Play one trial in virtual time, with a device that has found the finger; raise UnavailableError if it fails."""
     device = SimulatedDevice(PlantSettings(), np.random.default_rng([stimulus.seed, 9]))
-    rig = VirtualRig(Fingertip(device, LimitSettings(), ForceControlSettings()), MasterSettings(), make_hand=make_hand)
+    rig = VirtualRig(Fingertip(device, LimitSettings(), ForceControlSettings()), MasterSettings())
     asyncio.run(rig.run(Meet()))
     outcome = asyncio.run(rig.run(stimulus))
     if not isinstance(outcome, Played):

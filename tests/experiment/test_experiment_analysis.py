@@ -6,8 +6,8 @@ import pytest
 from hapticnet.experiment.analysis import CONDITIONS, bytes_per_penetration, felt_error, matched
 from hapticnet.node.settings import MasterSettings
 from hapticnet.perception import WeberLaw
-from hapticnet.recordings.text import write_csv
 from hapticnet.scene.sources import paper_scene
+from tests.recordings.session_cases import write_csv
 
 
 def columns(force_n, breaches, datagram_bytes, position_m=None):

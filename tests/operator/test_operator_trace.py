@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from hapticnet.errors import FileError, SampleError, SettingsError
 from hapticnet.node.recording import Recording, master_columns, slave_columns
 from hapticnet.operator.trace import TraceOperator, load_trace
-from hapticnet.recordings.text import write_csv
+from tests.recordings.session_cases import write_csv
 
 
 def make(t_s, *axes_m, loop=False):

@@ -1,9 +1,12 @@
 """A recording for tests: its heading, its rows, and an archive that takes it in without a process."""
 
+import csv
 import json
+from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
+import numpy.typing as npt
 
 from hapticnet.node.recording import DATAGRAM_COLUMNS, master_columns
 from hapticnet.recordings.session.archive import Archive
@@ -103,3 +106,10 @@ def write_session(
         give(archive, FrameKind.END)
     assert said == []
     return rows
+
+
+def write_csv(path: Path, columns: Mapping[str, npt.ArrayLike]) -> None:
+    """Write columns of equal length under their names."""
+    rows = zip(*(np.asarray(column).tolist() for column in columns.values()), strict=True)
+    with path.open("w", newline="") as file:
+        csv.writer(file, lineterminator="\n").writerows([columns, *rows])

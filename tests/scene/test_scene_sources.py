@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 
 from hapticnet.errors import FileError, SettingsError
-from hapticnet.recordings.text import write_csv
 from hapticnet.samples import ForceSample, PositionSample
 from hapticnet.scene.base import UserScene
 from hapticnet.scene.recorded import RecordedScene
@@ -26,6 +25,7 @@ from hapticnet.scene.sources import (
     parse_scene,
     scene_names,
 )
+from tests.recordings.session_cases import write_csv
 
 RIG = """
 made = []

@@ -102,19 +102,12 @@ def _unpacked(chunk: Record) -> bytes:
     size = chunk.uncompressed_size
     if size > LARGEST_CHUNK:
         raise ValueError("a chunk that unpacks to too much")
-    if chunk.compression == "zstd":
-        from zstandard import ZstdDecompressor
+    if chunk.compression != "zstd":
+        raise ValueError("a chunk in a compression that hapticnet does not write")
+    from zstandard import ZstdDecompressor
 
-        with ZstdDecompressor().stream_reader(chunk.data) as stream:
-            data = stream.read(size + 1)
-    elif chunk.compression == "lz4":
-        from lz4.frame import LZ4FrameDecompressor
-
-        data = LZ4FrameDecompressor().decompress(chunk.data, max_length=size + 1)
-    elif chunk.compression:
-        raise ValueError("a chunk in an unknown compression")
-    else:
-        data = chunk.data
+    with ZstdDecompressor().stream_reader(chunk.data) as stream:
+        data = stream.read(size + 1)
     if len(data) != size or (chunk.uncompressed_crc and zlib.crc32(data) != chunk.uncompressed_crc):
         raise ValueError("a chunk whose contents changed")
     return data
