@@ -29,7 +29,7 @@ from typing import Final
 from hapticnet.checks import check_above, check_parameter
 from hapticnet.perception import WeberLaw
 from hapticnet.samples import Vector
-from hapticnet.vectors import dot, magnitude, minus, times
+from hapticnet.vectors import along, dot, magnitude, minus, times
 
 CONFIRMED_US: Final = 300_000
 """Time [µs] without a correction after which a force that follows the position counts as confirmed: longer than the
@@ -39,6 +39,8 @@ FILLED_IN_S: Final = 0.2
 """Time constant [s] with which the account of a confirmed force is filled: slower than the oscillations of an arm."""
 
 LONGEST_S: Final = 0.02  # longest time [s] between two ticks; after a pause, nothing is credited for it
+
+SMOOTHED_S: Final = 0.01  # time constant [s] of the velocity at which the hand absorbs energy
 
 SMALLEST_MOVE_M: Final = 1e-6  # movement [m] from which a stiffness follows
 
@@ -61,6 +63,7 @@ class EnergyBound:
         self._applied_n: Vector = ()
         self._asked_n: Vector = ()
         self._position_m: Vector | None = None
+        self._velocity_m_per_s: Vector = ()
         self._began_m: Vector = ()  # where the present contact began
         self._now_us = self._confirmed_us = 0
         self._squares_m2 = self._product_j = 0.0  # for the stiffness since the last correction
@@ -89,7 +92,10 @@ class EnergyBound:
             elapsed_s = elapsed_s if 0.0 < elapsed_s <= LONGEST_S else 0.0
             self.energy_j += dot(self._applied_n, move_m)
             if elapsed_s:
-                self.energy_j += self._damping * square_m2 / elapsed_s
+                # Smoothed, because each step of a position sensor would look like a fast motion.
+                share = min(elapsed_s / SMOOTHED_S, 1.0)
+                self._velocity_m_per_s = along(times(self._velocity_m_per_s, 1.0 - share), share / elapsed_s, move_m)
+                self.energy_j += self._damping * dot(self._velocity_m_per_s, self._velocity_m_per_s) * elapsed_s
             self.energy_j = max(self.energy_j, 0.0)
             self._watch(force_n, size_n, move_m, square_m2, now_us)
             if size_n <= self._law.floor_n:
@@ -110,7 +116,7 @@ class EnergyBound:
 
     def _begin(self, force_n: Vector, position_m: Vector, now_us: int) -> None:
         self._began_m, self._asked_n = position_m, force_n
-        self._applied_n = (0.0,) * len(force_n)
+        self._applied_n = self._velocity_m_per_s = (0.0,) * len(force_n)
         self._confirmed_us = now_us
 
     def _watch(self, force_n: Vector, size_n: float, move_m: Vector, square_m2: float, now_us: int) -> None:
