@@ -16,6 +16,7 @@ from hapticnet.cli import (
     key,
     recordings,
     scene,
+    stability,
     sweep,
 )
 from hapticnet.cli.console import complain
@@ -78,6 +79,7 @@ def master(given: MasterOptions) -> None:
 
 
 app.command(short_help="Compare every codec on recordings with the best possible.")(compare.compare)
+app.command(short_help="Say where a late force makes a hand swing.")(stability.stability)
 app.command(short_help="Print what a recording holds.")(recordings.info)
 app.command(short_help="Write a recording as CSV, NumPy or MCAP.")(recordings.export)
 app.command(short_help="List the codecs with their rules and parameters.")(codecs.codecs)

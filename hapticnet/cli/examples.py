@@ -54,6 +54,11 @@ EXAMPLES: Final[dict[tuple[str, ...], tuple[str, ...]]] = {
         "hapticnet compare force.csv --force-column fx,fy,fz --position-column x,y,z --plot-dir figures",
         "hapticnet compare force.npy --force-column 2 --sampling-rate 1000 --loss 5% --codecs 'deadband;raw' --json",
     ),
+    ("stability",): (
+        "hapticnet stability",
+        "hapticnet stability --hand finger,device-mass=0.1,max-force=3.3 --codec motion-predictive --loss 5%",
+        "hapticnet stability --scene phantom.toml --delays 20ms,60ms --coupling energy-bounded --plot map.png",
+    ),
     ("info",): ("hapticnet info run.mcap", "hapticnet info run.csv --json"),
     ("export",): (
         "hapticnet export run.mcap.unfinished",

@@ -148,15 +148,15 @@ GROUPS: Final[dict[str, tuple[str, ...]]] = {
     ),
     "Keys": ("key", "peer-key", "masters", "insecure"),
     "Operator and device": (
-        "operator", "insertions", "rate", "positions", "position-share", "device", "device-takes", "profile", "from",
-        "to", "stiffness",
+        "operator", "insertions", "hand", "rate", "positions", "position-share", "device", "device-takes", "profile",
+        "from", "to", "stiffness",
     ),
     "Safety": ("coupling", "max-age", "max-force", "first-touch"),
-    "Scene and contact": ("scene", "announce", "announced", "predicted"),
+    "Scene and contact": ("scene", "walls", "announce", "announced", "predicted"),
     "Codec and perception": (
         "codec", "codecs", "add-codec", "multiplier", "multipliers", "weber", "floor", "law",
     ),
-    "Emulated network": ("channel-out", "channel-in", "delay", "loss"),
+    "Emulated network": ("channel-out", "channel-in", "delay", "delays", "loss", "jitter"),
     "Reading of files": (
         "force-column", "position-column", "time-column", "position-scale", "start", "sampling-rate",
         "missing", "max-size",

@@ -7,6 +7,7 @@ hand, and a late force feeds energy back: the hand may swing for ever. A map has
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
+from pathlib import Path
 from typing import Final, TypeAlias
 
 import numpy as np
@@ -14,6 +15,7 @@ import numpy as np
 from hapticnet.arrays import FloatArray
 from hapticnet.channel.settings import ChannelSettings
 from hapticnet.errors import SettingsError
+from hapticnet.experiment.style import GREY, SKY, VERMILION, legend, picture
 from hapticnet.experiment.workers import workers
 from hapticnet.measure.energy import energy_report
 from hapticnet.measure.stability import STIFFNESS_JND, Onset, sampled_onset
@@ -37,6 +39,7 @@ DECAYS: Final = 0.95
 """A larger swing still settles if it falls below this share from one window to the next, and the hand does not leave
 the surface: a hand that bounces may fall from a hard impact into a swing that stays."""
 
+THROWN_M: Final = 0.1  # a hand that swings so far loses the device
 PRESS_N: Final = 3.0  # force of the press
 JERK_SHARE: Final = 0.15  # of it, by which the hand is jerked for `JERK_S`
 FROM_M, GENTLY_FROM_M = -0.01, -0.001  # start of the press, before the surface
@@ -327,3 +330,33 @@ def outcomes(setup: Setup, cells: Sequence[Cell], *, jobs: int = 1) -> Iterator[
 
 def _press(setup: Setup, cell: Cell) -> Outcome:
     return press(setup, *cell)
+
+
+def word(found: Outcome) -> str:
+    """Return what happened in one or two words: for a table, and for a map."""
+    if not found.stable:
+        return f"{1e3 * found.swing_m:.3g} mm" if found.swing_m < THROWN_M else "thrown"
+    share = found.stiffness_share
+    felt = "" if found.transparent or share is None else f" {100.0 * share:.0f}%"
+    return ("settles" if found.settles else "stable") + felt
+
+
+def draw_map(file: Path, found: Sequence[Outcome], *, title: str) -> None:
+    """Draw a map: how far the hand swings, by round trip and stiffness."""
+    delays = sorted({each.round_trip_s for each in found})
+    stiffnesses = sorted({each.stiffness_n_per_m or 0.0 for each in found})
+    looks = {"stable": SKY, "stable, other stiffness": GREY, "swings for ever": VERMILION}
+    with picture(file, 1.2 + 0.35 * len(stiffnesses)) as figure:
+        axes = figure.subplots()
+        for each in found:
+            look = "swings for ever" if not each.stable else "stable" if each.transparent else "stable, other stiffness"
+            at = delays.index(each.round_trip_s), stiffnesses.index(each.stiffness_n_per_m or 0.0)
+            axes.bar(at[0], 0.94, 0.94, at[1] - 0.47, color=looks[look], alpha=0.75, label=look)
+            axes.text(*at, word(each), ha="center", va="center", fontsize=7)
+        axes.grid(visible=False)
+        axes.set_xticks(range(len(delays)), [f"{1e3 * each:g}" for each in delays])
+        axes.set_yticks(range(len(stiffnesses)), [f"{each:g}" if each else "scene" for each in stiffnesses])
+        axes.set_xlabel("round trip [ms]")
+        axes.set_ylabel("stiffness [N/m]")
+        axes.set_title(title)
+        legend(figure, axes)

@@ -11,9 +11,7 @@ from typing import Final, NamedTuple
 from hapticnet.checks import check_parameter
 from hapticnet.oscillator import exact_step
 
-NOTICED_WITH_DAMPER_S: Final = 0.015
-NOTICED_WITH_SPRING_S: Final = 0.036
-NOTICED_WITH_INERTIA_S: Final = 0.072
+NOTICED_S: Final = {"a damper": 0.015, "a spring": 0.036, "a mass": 0.072}
 """Delays [s] of the force from which on people notice them, by what they move: Rank, Shi, Müller and Hirche, "The
 influence of different haptic environments on time delay discrimination in force feedback" (EuroHaptics 2010), of which
 only the abstract was read."""
