@@ -14,7 +14,7 @@ as the motion.
 
 What fills the account
 - The work of the hand, and the energy b·v²·dt that its damping absorbs.
-- An allowance for the first force of a contact, which comes late and before any work.
+- An allowance for the first force of a contact, which comes late and before any work. It is renewed at rest.
 - What the true spring would hold, once the force has followed the position without a correction for `CONFIRMED_US`:
   then it is that of a confirmed law of the position, which is passive. A correction is a change that is larger than
   half a JND and than K·|dx|.
@@ -42,6 +42,13 @@ LONGEST_S: Final = 0.02  # longest time [s] between two ticks; after a pause, no
 
 SMOOTHED_S: Final = 0.01  # time constant [s] of the velocity at which the hand absorbs energy
 
+AT_REST_M_PER_S: Final = 1e-3
+"""Speed [m/s] below which the hand counts as at rest: that of a swing of 0.1 mm at 3 Hz."""
+
+RESTED_US: Final = 200_000  # time [µs] at rest after which the allowance is renewed: no swing that matters rests so long
+
+REFILLED_IN_S: Final = 0.5  # time constant [s] with which the allowance is renewed at rest
+
 SMALLEST_MOVE_M: Final = 1e-6  # movement [m] from which a stiffness follows
 
 TOLERANCE: Final = 1.2  # of the stiffness seen, which is an estimate, over K
@@ -65,7 +72,7 @@ class EnergyBound:
         self._position_m: Vector | None = None
         self._velocity_m_per_s: Vector = ()
         self._began_m: Vector = ()  # where the present contact began
-        self._now_us = self._confirmed_us = 0
+        self._now_us = self._confirmed_us = self._moved_us = 0
         self._squares_m2 = self._product_j = 0.0  # for the stiffness since the last correction
         self._ticks = self.held_back = 0
 
@@ -95,7 +102,12 @@ class EnergyBound:
                 # Smoothed, because each step of a position sensor would look like a fast motion.
                 share = min(elapsed_s / SMOOTHED_S, 1.0)
                 self._velocity_m_per_s = along(times(self._velocity_m_per_s, 1.0 - share), share / elapsed_s, move_m)
-                self.energy_j += self._damping * dot(self._velocity_m_per_s, self._velocity_m_per_s) * elapsed_s
+                square = dot(self._velocity_m_per_s, self._velocity_m_per_s)
+                self.energy_j += self._damping * square * elapsed_s
+                if square > AT_REST_M_PER_S * AT_REST_M_PER_S:
+                    self._moved_us = now_us
+                elif now_us - self._moved_us > RESTED_US:
+                    self.energy_j += max(self._allowance_j - self.energy_j, 0.0) * elapsed_s / REFILLED_IN_S
             self.energy_j = max(self.energy_j, 0.0)
             self._watch(force_n, size_n, move_m, square_m2, now_us)
             if size_n <= self._law.floor_n:
