@@ -45,7 +45,7 @@ SMOOTHED_S: Final = 0.01  # time constant [s] of the velocity at which the hand 
 AT_REST_M_PER_S: Final = 1e-3
 """Speed [m/s] below which the hand counts as at rest: that of a swing of 0.1 mm at 3 Hz."""
 
-RESTED_US: Final = 200_000  # time [µs] at rest after which the allowance is renewed: no swing that matters rests so long
+RESTED_US: Final = 200_000  # time [µs] at rest after which the allowance is renewed: no swing rests so long
 
 REFILLED_IN_S: Final = 0.5  # time constant [s] with which the allowance is renewed at rest
 
