@@ -97,7 +97,8 @@ class EnergyBound:
             move_m, elapsed_s = minus(position_m, before_m), 1e-6 * (now_us - self._now_us)
             square_m2 = dot(move_m, move_m)
             elapsed_s = elapsed_s if 0.0 < elapsed_s <= LONGEST_S else 0.0
-            self.energy_j += dot(self._applied_n, move_m)
+            work_j = dot(self._applied_n, move_m)
+            self.energy_j += work_j
             if elapsed_s:
                 # Smoothed, because each step of a position sensor would look like a fast motion.
                 share = min(elapsed_s / SMOOTHED_S, 1.0)
@@ -115,7 +116,8 @@ class EnergyBound:
             stored_j = size_n * magnitude(minus(position_m, self._began_m)) + self._allowance_j
             if follows and now_us - self._confirmed_us > CONFIRMED_US and size_n > self._law.floor_n:
                 missing_j = self._confirmed_j(force_n, size_n, position_m) - self.energy_j
-                self.energy_j += max(missing_j, 0.0) * elapsed_s / FILLED_IN_S
+                if work_j >= 0.0:  # not while the force drives the hand
+                    self.energy_j += max(missing_j, 0.0) * elapsed_s / FILLED_IN_S
             else:
                 self.energy_j = min(self.energy_j, stored_j)
         self._position_m, self._now_us, self._asked_n = position_m, now_us, force_n
