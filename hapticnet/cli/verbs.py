@@ -161,10 +161,7 @@ GROUPS: Final[dict[str, tuple[str, ...]]] = {
         "force-column", "position-column", "time-column", "position-scale", "start", "sampling-rate",
         "missing", "max-size",
     ),
-    "Study": (
-        "participant", "session", "plan", "simulate", "resume", "analyse", "repeats",
-        "shard",
-    ),
+    "Study": ("participant", "session", "plan", "simulate", "resume", "repeats", "shard"),
     "Recording": ("record", "record-dir", "record-format", "record-limit"),
     "Page and monitoring": ("page", "metrics"),
     "Tables and plots": (

@@ -57,11 +57,6 @@ _KINDS: Final = (
     (b"TDSm", "a LabVIEW TDMS file", "export it as CSV"),
     *((magic, "a compressed file", "unpack it first") for magic in _COMPRESSED),
     (b"\xd0\xcf\x11\xe0", "a Microsoft Office file, such as .xls", "save it as CSV"),
-    (b"%PDF-", "a PDF document", ""),
-    (b"<!DOCTYPE", "an HTML page", "save the data itself"),
-    (b"<html", "an HTML page", "save the data itself"),
-    (b"<?xml", "an XML file", "export it as CSV"),
-    (b"{", "a JSON file", "export it as CSV"),
 )
 _HEAD_BYTES: Final = 4096
 _TEXT_CONTROLS: Final = b"\t\n\v\f\r\x1b"
@@ -82,9 +77,8 @@ def kind_of(path: Path, head: bytes) -> str:
     """Return the kind of a file, from its first bytes; raise FileError with its name if it cannot be read."""
     if head.startswith(b"PK"):
         return _kind_of_zip(path)
-    start = head.lstrip(b"\xef\xbb\xbf \t\r\n") if head[:1] in b"\xef \t\r\n<{" else head
     for magic, kind, advice in _KINDS:
-        if start[: len(magic)].lower() == magic.lower() if magic[:1] == b"<" else start.startswith(magic):
+        if head.startswith(magic):
             if kind in _READERS:
                 return kind
             raise FileError(f"{path}: {kind}; {advice or _READABLE}")

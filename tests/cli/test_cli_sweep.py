@@ -19,6 +19,7 @@ from hapticnet.sweep.results import open_results
 from hapticnet.sweep.runs import Shard
 from hapticnet.sweep.store import Store, shard_name
 from tests.cli.test_cli_errors import assert_only_line
+from tests.recordings.session_cases import write_csv
 
 STUDY = """
 name = "small"
@@ -42,8 +43,7 @@ line = ["codec"]
 @pytest.fixture
 def study(tmp_path):
     t_s = np.arange(200) * 1e-3
-    lines = [f"{t},{1.0 + np.sin(20.0 * t)}" for t in t_s.tolist()]
-    (tmp_path / "force.csv").write_text("\n".join(["t_s,force_n", *lines]))
+    write_csv(tmp_path / "force.csv", {"t_s": t_s, "force_n": 1.0 + np.sin(20.0 * t_s)})
     path = tmp_path / "study.toml"
     path.write_text(STUDY)
     return path

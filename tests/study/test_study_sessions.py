@@ -96,7 +96,7 @@ def test_the_jnd_is_measured_and_the_ordering_task_uses_it(folder):
     assert 0.01 < measured.weber_fraction < 0.4
     assert measured.device_error_n is not None
 
-    assert experiment(folder, "order", *words, "--no-analyse").returncode == 0
+    assert experiment(folder, "order", *words).returncode == 0
     trials = [row for row in read_table(folder / TABLE.format("03"), OrderRow) if row.event == "trial"]
     assert {row.weber_fraction for row in trials} == {float(f"{measured.weber_fraction:.9g}")}
 

@@ -68,4 +68,3 @@ class OrderOptions(LimitsOptions):
     key: options.Key = None
     peer_key: options.PeerKey = None
     insecure: options.Insecure = False
-    analyse: Annotated[bool, typer.Option(help="With --simulate, analyse the study at the end.")] = True

@@ -103,7 +103,7 @@ def run(asked: LimitsOptions) -> None:
     for account in accounts:
         for told in (*(f"excluded: {why}" for why in account.get("excluded", ())), *account.get("warnings", ())):
             console.warn(f"participant {account['participant']}: {told}")
-    if observer is not None and isinstance(asked, OrderOptions) and asked.analyse:
+    if observer is not None and is_order:
         console.say("analysing the answers")
         out = asked.out_dir
         write_results(out, out / "results", plots=True, say=console.say)
