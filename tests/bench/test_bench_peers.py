@@ -89,15 +89,6 @@ def test_without_root_there_is_one_line():
 
 
 @pytest.mark.usefixtures("tools")
-def test_a_stack_without_its_package_says_what_is_missing():
-    from stacks import STACKS, Stack
-
-    assert STACKS["UDP"].missing is None
-    assert Stack("udp", "no_such_package.client").missing == "the package no_such_package.client"
-    assert Stack("udp", None, "no-such-program").missing == "the program no-such-program"
-
-
-@pytest.mark.usefixtures("tools")
 @pytest.mark.parametrize("loss", [0.0, 0.25])
 def test_a_direction_of_the_link_keeps_the_order_and_its_random_numbers(loss):
     from lossy_link import Direction

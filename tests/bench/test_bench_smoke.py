@@ -2,10 +2,6 @@ import json
 
 import pytest
 
-from hapticnet.codec.registry import every_codec
-
-CODECS = every_codec()
-
 
 @pytest.mark.parametrize(
     "arguments",
@@ -25,43 +21,6 @@ def test_a_benchmark_refuses_arguments_it_cannot_use_in_one_line(bench, argument
 def test_a_benchmark_prints_its_record_if_no_file_is_named(bench):
     done = bench("measure/virtual_time.py", "--insertions", 1, "--repetitions", 1)
     assert json.loads(done.stdout)["name"] == "virtual_time"
-
-
-def test_virtual_time_answers_positions_in_every_case(measured):
-    results = measured("virtual_time")
-    cases = results["cases"]
-    assert list(cases) == ["no device", "simulated device", "simulated device, wifi", "simulated device, 4g"]
-    for figures in cases.values():
-        assert 0.0 < figures["times_real_time_median"] <= figures["times_real_time_best"]
-        # A position each virtual millisecond, but for those lost, late, or before the session stood.
-        assert 0.9 < figures["positions_answered"] / (1000.0 * figures["virtual_s"]) <= 1.0
-
-
-@pytest.mark.timeout(400)  # it compiles every codec, on a machine that may be busy
-def test_codec_speed_measures_every_way_on_the_same_signal(measured):
-    results = measured("codec_speed")
-    assert results["samples"] == 20_000
-    assert [row["sent"] for row in results["rows"]] == pytest.approx([0.01, 0.1, 0.4], abs=0.05)
-    for row in results["rows"]:
-        assert min(row[way] for way in ("c", "plain", "stream")) > 0.0
-    assert [row["codec"] for row in results["codecs"]] == list(CODECS)
-    assert all(min(row["walk_ns"], row["paper_ns"]) > 0.0 for row in results["codecs"])
-    assert {row["codec"] for row in results["codecs"] if row["c"]} == {"deadband", "adaptive-predictive"}
-
-
-def test_real_time_measures_hapticnet_beside_its_limits(measured):
-    results = measured("real_time")
-    for measure, limit in (("tick lateness", "C clock_nanosleep"), ("position to force", "bare UDP echo")):
-        cases = ["raw", "raw, sealed", "deadband", "deadband, sealed"]
-        assert list(results[measure]) == [limit, *(f"hapticnet, {case}" for case in cases)]
-        for percentiles_us in results[measure].values():
-            assert len(percentiles_us) == 3
-            assert percentiles_us == sorted(percentiles_us)
-            assert percentiles_us[-1] > 0.0
-    assert list(results["sealed over open"]) == ["raw", "deadband"]
-    for plain, sealed in (("raw", "raw, sealed"), ("deadband", "deadband, sealed")):
-        for one, other in zip(results["bytes a datagram"][plain], results["bytes a datagram"][sealed], strict=True):
-            assert other - one == pytest.approx(16.0, abs=8.0)
 
 
 def test_force_loop_never_presses_harder_than_the_device_may_and_comes_to_rest(measured):
@@ -90,15 +49,6 @@ def test_hostile_datagrams_raise_nothing_and_leave_no_memory_behind(measured):
         assert row["memory_growth_mb"] < 20.0
         assert (row["insiders"] > 0) == row["sealed"]
         assert (row["requests"] > 0) == (row["node"] != "master")
-
-
-def test_floods_are_measured_beside_a_session_at_work_and_newcomers(measured):
-    for row in measured("floods")["rows"]:
-        assert row["connections"] == 1
-        assert 0.0 < row["quiet_p50_us"] <= row["quiet_p99_us"]
-        assert 0.0 < row["flooded_p50_us"] <= row["flooded_p99_us"]
-        assert row["newcomers"] >= 1
-        assert row["newcomers_shut_out"] == 0
 
 
 def test_sessions_are_measured_beside_an_echo_in_every_kind_of_session(measured):

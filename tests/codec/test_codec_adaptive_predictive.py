@@ -1,4 +1,3 @@
-import math
 import struct
 
 import numpy as np
@@ -9,9 +8,8 @@ from hypothesis import strategies as st
 
 from hapticnet.codec.base import Encoding
 from hapticnet.codec.recording import encode_array
-from hapticnet.codec.schemes.adaptive_predictive import LARGEST_TRAVEL, AdaptivePredictive
+from hapticnet.codec.schemes.adaptive_predictive import AdaptivePredictive
 from hapticnet.codec.schemes.deadband import Deadband
-from hapticnet.errors import PeerError
 from hapticnet.perception import WeberLaw
 
 LAW = WeberLaw(weber_fraction=0.05, floor_n=0.025)
@@ -110,18 +108,3 @@ def test_the_applied_force_jumps_no_further_than_the_bound_and_the_force_itself_
     for jump, distance in zip(jumps, away, strict=True):
         assert jump <= max(bound * 0.05, distance - 0.9 * 0.05) + 1e-6
     assert max(jumps_n(AdaptivePredictive(law=law), stimuli[:2500])[0]) > 0.05
-
-
-@pytest.mark.parametrize("axes", [1, 2, 3])
-def test_travels_add_two_bytes_an_axis(axes):
-    stimuli = wandering(500, seed=axes, axes=axes)
-    assert set(encoded(AdaptivePredictive(law=LAW), stimuli).payload_bytes.tolist()) == {6 * axes}
-    assert set(encoded(AdaptivePredictive(law=LAW, step_n=0.001), stimuli).payload_bytes.tolist()) == {4 * axes}
-
-
-@pytest.mark.parametrize(
-    ("start", "travel"), [(1.0, math.nan), (1.0, math.inf), (1.0, -2 * LARGEST_TRAVEL), (9.9e14, 20.0)]
-)
-def test_a_travel_that_cannot_be_is_refused(start, travel):
-    with pytest.raises(PeerError, match="payload holds a travel"):
-        AdaptivePredictive(law=LAW).decoder(1).decode(0, struct.pack(">fe", start, travel))

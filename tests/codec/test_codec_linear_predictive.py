@@ -18,7 +18,6 @@ from hapticnet.codec.schemes.linear_predictive import (
 )
 from hapticnet.codec.steps import Past
 from hapticnet.codec.streams import table_of_rows
-from hapticnet.errors import PeerError
 from hapticnet.perception import WeberLaw
 from hapticnet_literature.least_squares import LeastSquares
 
@@ -68,17 +67,6 @@ def test_the_line_ends_at_the_horizon_when_nothing_more_arrives(codec):
     assert abs(at_horizon[0]) < 2.0
 
 
-def test_linear_payloads_are_value_and_slope_in_three_forms():
-    def sizes(codec, *stimuli):
-        encoder = codec.encoder(len(stimuli[0]))
-        return [len(encoder.encode(1000 * index, stimulus)) for index, stimulus in enumerate(stimuli)]
-
-    assert sizes(LinearPredictive(law=LAW), (0.5,), (3.0,)) == [8, 8]
-    assert sizes(LinearPredictive(law=LAW), (0.5, 1.0, 2.0)) == [24]
-    assert sizes(LinearPredictive(law=LAW, step_n=0.001), (0.5, 1.0, 2.0), (40.0, 0.0, 0.0)) == [12, 24]
-    assert sizes(LinearPredictive(law=WeberLaw(multiplier=0.0)), (0.1,)) == [12]
-
-
 def test_the_slope_sent_is_that_of_the_newest_samples_sent_or_not():
     encoder = LinearPredictive(law=LAW).encoder(1)
     forces = (1.0, 1.01, 1.0, 1.02, 1.03, 1.1)
@@ -100,13 +88,6 @@ def test_slopes_in_counts_are_limited_not_wrapped():
     assert rise - 29.0 == pytest.approx(0.32767)
 
 
-def test_a_payload_that_holds_no_number_is_refused():
-    decoder = LinearPredictive(law=LAW).decoder(1)
-    for value, slope in ((math.nan, 0.0), (0.0, math.nan), (0.0, math.inf), (0.0, 1e30)):
-        with pytest.raises(PeerError, match="must be"):
-            decoder.decode(0, np.array([value, slope], dtype=">f4").tobytes())
-
-
 def slope_of(times_us, values) -> tuple[float, ...]:
     return least_squares_slope(Past(times_us, values, 0, len(values) - 1), 0, values[-1])
 
@@ -123,14 +104,6 @@ def test_the_slope_is_finite_for_all_times_and_depends_on_their_differences_only
     assert slope_of([t_us + shift_us for t_us in times_us], values) == (slope,)
     if len(set(times_us)) == 1:
         assert slope == 0.0
-
-
-@pytest.mark.plain
-def test_the_slope_is_that_of_a_least_squares_fit():
-    rng = np.random.default_rng(1)
-    times_us, values = np.sort(rng.integers(0, 10**6, 9)), rng.normal(size=(9, 3))
-    fitted = slope_of(times_us.tolist(), values.tolist())
-    assert fitted == pytest.approx(np.polyfit(times_us * 1e-6, values, 1)[0])
 
 
 @given(st.floats(-1e15, 1e15), st.floats(-1e15, 1e15), st.integers(-(10**18), 10**18))

@@ -1,6 +1,5 @@
 """Positions that are only sent when they matter: lines, bounds, and when the next line is due."""
 
-import itertools
 import math
 
 import numpy as np
@@ -196,21 +195,6 @@ def test_positions_that_cannot_be_are_refused_and_change_nothing(position):
     with pytest.raises(SampleError):
         sender.payload(1000, position, 0.0)
     assert sender.payload(2000, (0.0,), 0.0) is None
-
-
-def test_where_speed_matters_a_line_has_the_speed_of_the_newest_sample():
-    sender = PositionSender(LAW, 0.25)
-    sender.set_bound(StiffnessBound(100.0, 10.0, (-1.0,), (1.0,)))
-    hand = [(0.05 * (index / 1000) ** 2,) for index in range(400)]
-    true = [0.0, *(1000 * (b[0] - a[0]) for a, b in itertools.pairwise(hand))]
-    line = None
-    for index, (position, speed) in enumerate(zip(hand, true, strict=True)):
-        payload = sender.payload(1000 * index, position, 0.0)
-        line = line if payload is None else unpack_line(1000 * index, payload, 1)
-        follows = (line.at(1000 * index)[0] - line.at(1000 * index - 1000)[0]) * 1000
-        follows = line.arriving_m_per_s(1000)[0] if line.t_us == 1000 * index else follows
-        off_n = 100.0 * abs(position[0] - line.at(1000 * index)[0]) + 10.0 * abs(speed - follows)
-        assert off_n <= 0.25 * LAW.threshold_n(0.0) + 1e-4, "float16 and float32 round the speeds"
 
 
 def test_where_a_spring_stiffens_the_tolerance_shrinks_with_the_force():

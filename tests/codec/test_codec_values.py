@@ -44,23 +44,6 @@ def test_a_longer_payload_is_taken_only_where_the_shorter_one_is_not_true_enough
     assert len(payload) == axes * (2 if counts_do else 4 if single_does else 8)
 
 
-def test_counts_are_big_endian_multiples_of_the_step():
-    payload, reference, threshold = packed((1.2344, -0.0502), WeberLaw(), 0.001)
-    assert payload == bytes.fromhex("04d2ffce")
-    assert reference == (1234 * 0.001, -50 * 0.001)
-    assert threshold == WeberLaw().threshold_n(magnitude(reference))
-
-
-@pytest.mark.parametrize(("force_n", "size"), [(32.767, 2), (-32.767, 2), (32.768, 4), (-32.768, 4), (1e15, 4)])
-@pytest.mark.parametrize("codec", [Raw(step_n=0.001), Deadband(step_n=0.001)])
-def test_a_force_beyond_the_counts_is_a_float(codec, force_n, size):
-    payload = codec.encoder(1).encode(0, (force_n,))
-    assert len(payload) == size
-    decoder = codec.decoder(1)
-    decoder.decode(0, payload)
-    assert decoder.reconstruct(0)[0] == pytest.approx(force_n, rel=1e-7)
-
-
 @given(st.floats(-32.767, 32.767), st.sampled_from([0.001, 0.002, 0.5]))
 def test_a_raw_count_is_half_a_step_away_at_most(force_n, step_n):
     codec = Raw(step_n=step_n, law=WeberLaw(multiplier=0.0))

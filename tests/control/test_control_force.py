@@ -15,6 +15,7 @@ from hapticnet.errors import SettingsError
 SETTINGS = ForceControlSettings()
 TICK_US = 1_000
 ANY = st.floats(allow_nan=True, allow_infinity=True)
+ELAPSED_US = st.integers(0, 50_000) | st.integers(-(10**12), 10**12)  # gaps, and clocks that jump
 
 
 def spring(stiffness_n_m: float, contact_m: float = 0.002) -> Callable[[float], float]:
@@ -66,11 +67,7 @@ def test_nothing_that_is_asked_moves_the_platform_further_while_the_force_is_abo
             before_m = displacement_m
 
 
-@given(
-    st.lists(
-        st.tuples(st.floats(0.0, 5.0), st.floats(0.0, 6.0), st.floats(0.0, 0.015), st.integers(0, 50_000)), max_size=100
-    )
-)
+@given(st.lists(st.tuples(st.floats(0.0, 5.0), st.floats(0.0, 6.0), st.floats(0.0, 0.015), ELAPSED_US), max_size=100))
 def test_never_moves_toward_the_finger_faster_than_the_press_speed(
     calls: list[tuple[float, float, float, int]],
 ) -> None:
@@ -205,16 +202,6 @@ def test_reset_retracts_and_starts_softly() -> None:
     controller.reset()
     trace = run(controller, 2.0, spring(1000.0), start_us=3_000_000, seconds=0.1)
     assert 0.0 < trace[-1] <= 0.1 * SETTINGS.approach_speed_m_s + 1e-12
-
-
-def test_long_gaps_and_clock_jumps_cause_no_jump() -> None:
-    controller = ForceController(SETTINGS)
-    run(controller, 1.0, spring(1000.0), seconds=1.0)
-    before_m = controller.displacement_m
-    for now_us in (10**12, 2 * 10**12, 5, 5, 4, 3 * 10**12):
-        displacement_m = controller.update(1.0, 0.5, before_m, now_us)
-        assert abs(displacement_m - before_m) <= SETTINGS.press_speed_m_s * 2e-6 * SETTINGS.period_us
-        before_m = displacement_m
 
 
 @pytest.mark.parametrize("field", [f.name for f in dataclasses.fields(ForceControlSettings) if f.name != "finger"])

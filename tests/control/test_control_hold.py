@@ -20,7 +20,6 @@ SETTINGS = HoldSettings()
 LIMIT_US = SETTINGS.age_limit_us
 END_US = SETTINGS.age_limit_us + SETTINGS.decay_us
 RISE_N_PER_US = SETTINGS.rise_n_per_s * 1e-6
-STEP_N = RISE_N_PER_US * LONGEST_STEP_US
 MS = 1_000
 
 
@@ -151,14 +150,6 @@ def test_a_stimulus_that_falls_while_the_force_rises_is_whole_at_once() -> None:
     assert hold.value(42 * MS) == (4.0,)
     hold.receive((-9.0,), 43 * MS)
     assert hold.value(43 * MS) == (-9.0,)
-
-
-@pytest.mark.parametrize("paused_us", [50 * MS, 199 * MS])
-def test_a_pause_lets_a_rising_force_rise_by_one_step_only(paused_us: int) -> None:
-    hold = Hold(SETTINGS)
-    hold.receive((10.0,), 0)
-    before_n = follow(hold, 0, 20 * MS)[-1]
-    assert hold.value(19 * MS + paused_us)[0] == pytest.approx(before_n + STEP_N)
 
 
 @given(

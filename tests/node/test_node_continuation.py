@@ -121,21 +121,6 @@ def test_a_master_that_was_welcomed_and_lost_its_link_at_once_continues_all_the_
     assert scene.t_us[-1] - scene.t_us[0] == now_us + 2000 + 19_000 - 1000
 
 
-def test_a_restarted_master_that_lost_its_link_at_once_continues_on_its_own_clock(slave, sealed):
-    with_clock(slave)
-    start_us = 20 * SECOND
-    play(master(slave, sealed, 1).join(start_us), start_us, 1000, offset_us=12_345)
-    second = master(slave, sealed, 2).join(start_us + 3 * SECOND)
-    slave.tick(start_us + 9 * SECOND)
-    assert len(slave.contexts) == 1
-    third = master(slave, sealed, 3, ticket=second.grant.ticket).join(start_us + 10 * SECOND)
-    play(third, start_us + 10 * SECOND, 1000, offset_us=-(10**7))
-    (context,) = slave.contexts
-    steps = np.diff(context.scene.t_us)
-    assert (np.delete(steps, 999) == 1000).all()
-    assert steps[999] == 10 * SECOND - 999_000, "the time that went by at the slave"
-
-
 def test_the_ticket_of_a_restarted_master_takes_no_scene_from_the_one_that_works_again(slave, sealed):
     first = master(slave, sealed, 1).work(0)
     second = master(slave, sealed, 2).join(SECOND)

@@ -183,12 +183,6 @@ def test_it_moves_without_jumps_and_rests_at_the_start_outside_the_script():
     assert path[0] == pytest.approx(operator.sample(-1).position_m, abs=5e-4)
 
 
-def test_palpations_differ_and_repeat_with_the_seed():
-    one, two, other = palpating(palpations=2), palpating(palpations=2), palpating(seed=2, palpations=2)
-    assert np.array_equal(path_m(one), path_m(two))
-    assert one.duration_us != other.duration_us
-
-
 def test_tremor_is_on_every_axis_with_its_strength():
     quiet, shaking = (path_m(palpating(tremor_rms_m=rms_m)) for rms_m in (0.0, 1e-4))
     tremor = shaking - quiet

@@ -87,49 +87,11 @@ def test_a_breach_is_not_undone_by_a_repeated_sample(rest_m: float, tip_m: float
 # Time -----------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("t_us", [SECOND_US, SECOND_US - 1, -(10**15)])
-def test_a_stamp_that_repeats_or_goes_backwards_neither_decays_nor_damps(t_us: int) -> None:
-    scene = breached()
-    step(scene, 0.1, SECOND_US)
-    before_m = scene.surfaces_m()
-    step(scene, 0.1, t_us)
-    assert scene.surfaces_m() == before_m
-    viscous = Scene([tissue(viscosity_n_s_per_m=10.0)])
-    step(viscous, 0.0, SECOND_US)
-    assert step(viscous, 2.0**-8, t_us) == 1.0
-
-
 @pytest.mark.parametrize("jump_us", [3600 * SECOND_US, 10**15, 10**400])
 def test_a_clock_that_jumps_ahead_finishes_recovery_and_leaves_the_spring(jump_us: int) -> None:
     scene = breached(viscosity_n_s_per_m=10.0)
     step(scene, -0.001, 1_000)
     assert step(scene, 2.0**-8, jump_us) == pytest.approx(1.0, abs=1e-4)
-
-
-def test_viscosity_adds_to_contact_in_proportion_to_speed() -> None:
-    scene = Scene([tissue(viscosity_n_s_per_m=10.0)])
-    step(scene, 2.0**-8 - 1e-4, 0)
-    assert step(scene, 2.0**-8, 1_000) == pytest.approx(1.0 + 10.0 * 0.1)
-    assert step(scene, 2.0**-8, 2_000) == 1.0
-    assert step(scene, 2.0**-9, 3_000) == 0.0
-
-
-def test_viscosity_is_bounded_however_close_the_stamps() -> None:
-    scene = Scene([tissue(viscosity_n_s_per_m=10.0)])
-    step(scene, -1.0, 0)
-    assert step(scene, 2.0**-8, 1) == pytest.approx(1.0 + 10.0 * 10.0)
-
-
-# Friction -------------------------------------------------------------------------------------------------
-
-
-def test_friction_acts_after_the_breach_and_holds_the_needle_on_withdrawal() -> None:
-    scene = Scene([tissue(shaft_friction_n=0.25)])
-    assert step(scene, 2.0**-8) == 1.0
-    assert step(scene, 0.1) == pytest.approx(0.25)
-    assert step(scene, 0.1) == pytest.approx(0.25)
-    assert step(scene, 0.05) == pytest.approx(-0.25)
-    assert step(scene, -0.001) == 0.0
 
 
 # What a scene says about the force near the tip ----------------------------------------------------------------
