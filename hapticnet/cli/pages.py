@@ -69,6 +69,7 @@ class ServedPage:
             source=source.partition(":")[0],
             device=None if device == "none" else device,
             hand=hand if isinstance(hand, LiveHand) else None,
+            yields=hasattr(hand, "feel"),
             operator_url=self._access.url("operator"),
             in_words=in_words,
             say=self._console.warn,

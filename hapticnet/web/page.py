@@ -6,6 +6,7 @@ from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, Any, Final
 
 from hapticnet import __version__
+from hapticnet.control.swing import SwingWatch
 from hapticnet.node.events import NodeEvent, SettingsInForce
 from hapticnet.node.master import MasterNode
 from hapticnet.operator.live import LiveHand
@@ -23,6 +24,11 @@ if TYPE_CHECKING:
     from hapticnet.web.client import Client
 
 NOT_READY_AFTER_US: Final = 1_000_000  # wait before pages learn of a lost session; a change of codec is faster
+WARN_EVERY_US: Final = 10_000_000
+SWINGS: Final = (
+    "the hand begins to swing: start the master with --coupling energy-bounded, or shorten the delay, because the force"
+    " comes late and pushes the hand on"
+)
 FRAMES_PER_STATE: Final = messages.MESSAGES_PER_S // messages.STATES_PER_S
 
 
@@ -33,6 +39,7 @@ class PageSettings:
     source: str  # source of the positions, in a word: page, scripted, trace, ….
     device: str | None = None  # device that renders the force, in a word; None without one
     hand: LiveHand | None = None  # the hand that a page may take; None if the positions come from elsewhere
+    yields: bool = False  # whether the force can move the hand
     operator_url: str | None = None  # address of the operator view
     in_words: Callable[[NodeEvent], str]  # returns an event in words
     say: Callable[[str], None]  # called with a line for the person at the terminal
@@ -50,6 +57,9 @@ class Page(Audience):
         self._ticks = Ticks(node, self._start_us)
         self._traffic = TrafficMeter(node)
         self._round_trip = RecentMedian()
+        watches = settings.yields or node.settings.coupling != "direct"
+        self._port = SwingWatch() if watches else None
+        self._warned_us = -WARN_EVERY_US
         self._mirror: Mirror | None = None  # the copy of the slave's scene; None while it is not known
         self._events: deque[str] = deque(maxlen=messages.EVENTS_KEPT)
         self._connections = 0
@@ -67,9 +77,7 @@ class Page(Audience):
             if self._follow_scene(event.grant.scene, is_new=not event.grant.resumed):
                 for client in self.clients:
                     client.post(self._scene(client.view))
-        text = messages.text("event", t_s=self._seconds(now_us), text=self._settings.in_words(event))
-        self._events.append(text)
-        self._tell_watchers(text)
+        self._report(self._settings.in_words(event), now_us)
 
     def connect(self, client: "Client") -> None:
         """Greet a page."""
@@ -105,12 +113,35 @@ class Page(Audience):
         elif isinstance(message, Change):
             self._controls.apply(message)
             self._traffic.restart(self._seconds(now_us()))
+            self._port = SwingWatch() if self._port is not None else None
             self._tell_watchers(self._state())
         else:
             raise MistakeError("there is no task in this run")
 
+    def _report(self, words: str, now_us: int) -> None:
+        text = messages.text("event", t_s=self._seconds(now_us), text=words)
+        self._events.append(text)
+        self._tell_watchers(text)
+
     def _take_down(self, now_us: int) -> None:
         self._ticks.add(now_us)
+        node = self._node
+        if self._port is not None and node.position_m is not None:
+            self._port.add(now_us, node.held_n, node.position_m, node.codec.law)
+
+    def _port_state(self, now_us: int) -> dict[str, Any] | None:
+        """Return the energy at the port; warn if the hand begins to swing."""
+        port = self._port
+        if port is None:
+            return None
+        swings = port.swings(now_us)
+        # A coupling says itself when it holds the force back.
+        if swings and now_us - self._warned_us > WARN_EVERY_US and self._node.settings.coupling == "direct":
+            self._warned_us = now_us
+            self._settings.say(SWINGS)
+            self._report(SWINGS, now_us)
+        energy = {key: round(getattr(port, key), 6) for key in ("put_in_j", "given_back_j", "created_j")}
+        return {**energy, "swings": swings}
 
     def _send(self) -> None:
         self._controls.work(now_us())
@@ -164,6 +195,7 @@ class Page(Audience):
             arrived=self._traffic.arrived,
             lost=self._traffic.lost,
             felt=None if felt is None else asdict(felt),
+            port=self._port_state(now_us()),
             device=self._node.device_status,
             pages=self.report(),
         )

@@ -181,7 +181,7 @@ async def rig(
         Controls(node, [(back, plain), (out, plain)]),
         PageSettings(
             source="page" if hand else "scripted", hand=hand, in_words=repr, say=said.append,
-            operator_url=access.url("operator"),
+            operator_url=access.url("operator"), yields=hasattr(operator, "feel"),
         ),
     )  # fmt: skip
     runs: list[Awaitable[Any]] = [

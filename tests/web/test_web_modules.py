@@ -103,11 +103,12 @@ def test_the_time_of_the_plot_runs_evenly_although_messages_do_not(run_module):
         ("[newtons(-0.001), newtons(-1.5), newtons(NaN)].join('; ')", "0.00 N; −1.50 N; –"),
         ("[999, 1344, 62000, 2.5e6].map((n) => bytes(n).join(' ')).join('; ')", "999 B; 1.3 kB; 62 kB; 2.5 MB"),
         ("[0.9812, 1, 0.5].map(percent).join('; ')", "98.1; 100; 50"),
+        ("[0.00123, 0.0456, 1.2345].map((n) => joules(n).join(' ')).join('; ')", "1.2 mJ; 46 mJ; 1.23 J"),
         ("thresholdWords(2, 0.05, 0.025)", "Changes within 100\u00a0mN of 1\u00a0N are not sent"),
         ("handWords('page', 'another', 'live')", "Another page moves the needle"),
         ("linkState('stale').join(' ')", "warn Link stale"),
     ],
 )
 def test_numbers_and_states_in_words(run_module, call: str, text: str):
-    names = "newtons, bytes, percent, thresholdWords, handWords, linkState"
+    names = "newtons, bytes, joules, percent, thresholdWords, handWords, linkState"
     assert run_module("words", f"({{ {names} }}) => {call}") == text

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from hapticnet.operator.scripted import InsertionSettings, ScriptedOperator
+from hapticnet.operator.yielding import scripted_yielding
 from hapticnet.scene.settings import SceneSettings, Tissue
 from hapticnet.web import messages
 from hapticnet.web.messages import CloseCode
@@ -79,6 +80,29 @@ async def test_the_operator_view_gets_nothing_that_gives_an_answer_away():
         assert {len(data) for data in shown if data[2]} == {20 + 3 * 5}
         for name in ("paper", "deadband", '"raw"', "_n", "stiff", "breach", "tissue 1"):
             assert not any(name in json.dumps(message) for message in operator.json), name
+
+
+@played
+async def test_a_hand_that_yields_shows_its_energy_and_a_warning_before_it_swings_far():
+    hand = scripted_yielding("hand:finger", 1, 3, np.random.default_rng(1))
+    wall = Tissue(name="wall", rest_position_m=0.015, stiffness_n_per_m=600.0, breach_force_n=1000.0)
+    async with (
+        rig(operator=hand, scene=SceneSettings(name="wall", tissues=(wall,))) as run,
+        run.open("watch") as client,
+    ):
+        await client.say("set", delay_ms=10)
+        await until(lambda: any("begins to swing" in each.get("text", "") for each in client.json))
+        state = await client.hear("state", delay_ms=10.0)
+        await until(lambda: client.last("state")["port"]["created_j"] > 0.01)
+        assert state["port"].keys() == {"put_in_j", "given_back_j", "created_j", "swings"}
+        assert "--coupling energy-bounded" in run.said[-1]
+        assert max(client.columns()["held"]) < 30.0
+        await client.say("set", delay_ms=0)
+        await client.hear("state", delay_ms=0.0)
+        assert client.last("state")["port"]["created_j"] < 0.01  # since the change
+    hand = ScriptedOperator(InsertionSettings(), np.random.default_rng(1))
+    async with rig(operator=hand) as run, run.open("watch") as client:
+        assert (await client.hear("state"))["port"] is None
 
 
 @played

@@ -71,6 +71,18 @@ def test_an_arrow_key_moves_the_needle_while_it_is_down(operator: Stage):
     operator.until(lambda: bool(operator.heard("release")))
 
 
+def test_the_energy_is_shown_where_the_force_can_move_the_hand(watch: Stage):
+    watch.tell("state", **STATE)
+    assert not watch.page.locator("#tile-energy").is_visible()
+    port = {"put_in_j": 1.5, "given_back_j": 1.75, "created_j": 0.25, "swings": True}
+    watch.tell("state", **STATE, port=port)
+    watch.until(lambda: watch.page.locator("#tile-energy").is_visible())
+    shown = " ".join(watch.text("#tile-energy").split())
+    assert shown == "Energy created 250 mJ 1.50 J put in 1.75 J given back The hand swings"
+    watch.tell("state", **STATE, port=port | {"swings": False})
+    watch.until(lambda: "swings" not in watch.text("#tile-energy"))
+
+
 def test_a_page_that_lost_the_hand_sends_nothing_until_it_is_pressed_again(operator: Stage):
     operator.page.mouse.move(400, 300)
     operator.page.mouse.down()

@@ -1,6 +1,6 @@
 // The tiles: packets and bytes of the feedback beside what the same would cost uncompressed.
 
-import { bytes, count, percent, signed } from "./words.js";
+import { bytes, count, joules, percent, signed } from "./words.js";
 
 export function showTraffic(state) {
   const { feedback, forward } = state;
@@ -17,7 +17,20 @@ export function showTraffic(state) {
   text("lost", `${count(state.lost)} of ${count(state.arrived + state.lost)} lost`);
   const [out, outUnit] = bytes(forward.bytes_per_s);
   showFelt(state.felt);
+  showEnergy(state.port);
   text("forward", `Positions ${out} ${outUnit}/s`);
+}
+
+/** The energy at the master's port, where the force can move the hand. */
+function showEnergy(port) {
+  const box = document.getElementById("tile-energy");
+  box.hidden = !port;
+  if (!port) return;
+  tile("tile-energy", ...joules(port.created_j), null);
+  text("put-in", `${joules(port.put_in_j).join(" ")} put in`);
+  text("given-back", `${joules(port.given_back_j).join(" ")} given back`);
+  text("swings", port.swings ? "The hand swings" : "");
+  box.dataset.level = port.swings ? "bad" : "";
 }
 
 /** How far the held force was from the true one at the same moment, over the seconds shown. */

@@ -25,6 +25,11 @@ export function bytes(number) {
   return [(number / 1e6).toFixed(1), "MB"];
 }
 
+/** An energy: number and unit, apart. */
+export function joules(number) {
+  return number < 0.9995 ? [(1000 * number).toFixed(number < 0.00995 ? 1 : 0), "mJ"] : [number.toPrecision(3), "J"];
+}
+
 /** A share of one in percent, with more digits where it is near nothing or near everything. */
 export function percent(share) {
   const value = 100 * share;
@@ -44,7 +49,7 @@ export function linkState(link) {
   return LINKS[link] ?? ["info", link];
 }
 
-const SOURCES = { scripted: "A script moves the needle", trace: "A recording moves the needle" };
+const SOURCES = { scripted: "A script moves the needle", trace: "A recording moves the needle", hand: "A simulated hand moves the needle" };
 
 /** What the line under the scene says about the hand. */
 export function handWords(source, holder, state, inExperiment = false) {
