@@ -21,6 +21,7 @@ BENCHMARKS: Final = (
     Benchmark("felt", "", "--quick", takes_recordings=True),
     Benchmark("teleoperation", "", "--quick --seeds 1"),
     Benchmark("announced", "", "--quick --seeds 1"),
+    Benchmark("stability", "", "--quick"),
     Benchmark("codec_stability", "--seconds 5 --seeds 3", "--quick"),
     Benchmark("force_loop", "--seeds 5", "--quick --seeds 1"),
     Benchmark("finger_limit", "--seeds 2", "--quick --seeds 1"),
