@@ -20,10 +20,7 @@ a person feels the difference. A distance: it swings for ever, so far; thrown: b
 
 def stability(
     hand: Annotated[
-        str,
-        typer.Option(
-            metavar="HAND[,KEY=VALUE…]", help="Hand and device that yield, as for master --operator hand:HAND."
-        ),
+        str, typer.Option(metavar="HAND[,KEY=VALUE…]", help="Hand and device, as for master --operator hand:HAND.")
     ] = "arm",
     codec: options.Codec = "deadband",
     coupling: options.Coupling = "direct",
@@ -94,19 +91,13 @@ def stability(
         console.progress(f"{len(found)} of {len(cells)} presses")
     told = [*_verdict(setup, found, processes), *_limits(setup, found)]
     console.finish()
-    title = f"{hand}; {codec}; {coupling}"
     if plot is not None:
-        draw_map(plot, found, title=title)
+        draw_map(plot, found, title=f"{hand}; {codec}; {coupling}")
         console.say(f"picture: {plot}")
     if json:
-        rows = [
-            {**asdict(each), "stiffness_share": each.stiffness_share, "transparent": each.transparent} for each in found
-        ]
-        deliver(
-            {"hand": hand, "codec": codec, "coupling": coupling, "presses": rows, "verdict": told},
-            as_json=True,
-            file=None,
-        )
+        rows = [asdict(each) | {"transparent": each.transparent} for each in found]
+        account = {"hand": hand, "codec": codec, "coupling": coupling, "presses": rows, "verdict": told}
+        deliver(account, as_json=True, file=None)
         return
     head = ["round trip", *("scene" if each is None else f"{each:g} N/m" for each in stiffnesses)]
     print_table(head, [
@@ -149,12 +140,12 @@ def _verdict(setup: "Setup", found: "Sequence[Outcome]", jobs: int) -> list[str]
 
 
 def _limits(setup: "Setup", found: "Sequence[Outcome]") -> list[str]:
-    """Return what else is known of these delays and stiffnesses: what people notice, and what a device displays."""
+    """Return what is known of delays and stiffnesses without a trial."""
     from hapticnet.measure.stability import NOTICED_S, display_limits
 
     latest_s = max(each.round_trip_s for each in found)
     noticed = [f"{what} from {1e3 * from_s:g} ms on" for what, from_s in NOTICED_S.items() if from_s <= latest_s]
-    told = [f"Most people notice the delay of {', of '.join(noticed)}."] if noticed else []
+    told = [f"People begin to notice the delay of {', of '.join(noticed)}."] if noticed else []
     device = setup.device
     stiffest, cause = display_limits(
         damping=setup.hand.damping_n_s_per_m + device.damping_n_s_per_m,
@@ -164,5 +155,5 @@ def _limits(setup: "Setup", found: "Sequence[Outcome]") -> list[str]:
         max_force_n=device.max_force_n,
     )[0]
     if any((each.stiffness_n_per_m or 0.0) > stiffest for each in found):
-        told.append(f"Even without a delay, {cause} let this device display {stiffest:,.0f} N/m at most.")
+        told.append(f"Even without a delay, not more than {stiffest:,.0f} N/m can be relied on ({cause}).")
     return told

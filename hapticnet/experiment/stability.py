@@ -72,24 +72,23 @@ class Setup:
 
     def scene_of(self, stiffness_n_per_m: float | None) -> Touchable:
         """Return a new wall, or the given scene; tissues do not break, so that the hand stays in contact."""
-        if stiffness_n_per_m is None:
-            if self.scene is None:
-                raise SettingsError("a press needs a stiffness or a scene")
-            made = self.scene.make()
-            settings = getattr(made, "settings", None)
-            if isinstance(settings, SceneSettings):
-                whole = [replace(each, breach_force_n=LARGEST_VALUE) for each in settings.tissues]
-                made = make_scene(replace(settings, tissues=tuple(whole)))
-            if made.axes != 1:
-                raise SettingsError(f"scene {made.name!r} has {made.axes} axes; a map presses on one axis")
-            return made
-        wall = Tissue(
-            name="wall", rest_position_m=0.0, stiffness_n_per_m=stiffness_n_per_m, breach_force_n=LARGEST_VALUE
-        )
-        return Scene((wall,), name=f"wall of {stiffness_n_per_m:g} N/m")
+        if stiffness_n_per_m is not None:
+            wall = Tissue(
+                name="wall", rest_position_m=0.0, stiffness_n_per_m=stiffness_n_per_m, breach_force_n=LARGEST_VALUE
+            )
+            return Scene((wall,), name=f"wall of {stiffness_n_per_m:g} N/m")
+        if self.scene is None:
+            raise SettingsError("a press needs a stiffness or a scene")
+        made = self.scene.make()
+        if isinstance(settings := getattr(made, "settings", None), SceneSettings):
+            whole = [replace(each, breach_force_n=LARGEST_VALUE) for each in settings.tissues]
+            made = make_scene(replace(settings, tissues=tuple(whole)))
+        if made.axes != 1:
+            raise SettingsError(f"scene {made.name!r} has {made.axes} axes; a map presses on one axis")
+        return made
 
     def expected(self, round_trip_s: float) -> Onset:
-        """Return where this hand would begin to swing against a spring without any codec or coupling."""
+        """Return where the hand, without its reflex, begins to swing against a spring without codec or coupling."""
         hand, device, step_s = self.hand, self.device, 1.0 / self.master.rate_hz
         return sampled_onset(
             hand.mass_kg + device.mass_kg,
@@ -132,7 +131,7 @@ class Outcome:
     @property
     def stiffness_share(self) -> float | None:
         """Displayed stiffness over the true one."""
-        return None if self.displayed is None or self.true is None else self.displayed[0] / self.true[0]
+        return self.displayed[0] / self.true[0] if self.displayed and self.true and self.true[0] else None
 
     @property
     def transparent(self) -> bool:

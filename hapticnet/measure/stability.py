@@ -94,10 +94,11 @@ def display_limits(
 
     A spring that is sampled every `period_s` [s] and held creates energy that the damping [N·s/m] of hand and device
     must absorb (Colgate and Schenkel 1997): ``b > K·T/2``. A position that is known in steps creates energy that
-    friction must absorb (Abbott and Okamura 2005; Diolaiti et al. 2006): ``f ≥ K·q/2``. No force exceeds the largest.
-    And over a delay nothing of a surface is felt before the hand is a round trip times its speed inside.
+    friction, if it is known, must absorb (Abbott and Okamura 2005; Diolaiti et al. 2006): ``f ≥ K·q/2``. No force
+    exceeds the largest. And over a delay nothing of a surface is felt before the hand is its speed times a round trip
+    inside.
     """
     limits = [(2.0 * damping / period_s, "damping and rate"), (max_force_n / depth_m, "largest force")]
-    if resolution_m:
+    if resolution_m and friction_n:
         limits.append((2.0 * friction_n / resolution_m, "friction and resolution"))
     return sorted(limits)

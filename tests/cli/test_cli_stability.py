@@ -19,7 +19,7 @@ def test_the_map_says_where_the_hand_swings_and_what_helps(run, tmp_path):
         "At 50 ms this hand swings for ever against 1000 N/m. Without a codec it would against 150 N/m" in done.stdout
     )
     assert "With --codec motion-predictive it holds 1 of these 1, and 1 feel as stiff as they are." in done.stdout
-    assert "notice the delay of a damper from 15 ms on, of a spring from 36 ms on." in done.stdout
+    assert "People begin to notice the delay of a damper from 15 ms on, of a spring from 36 ms on." in done.stdout
     assert file.read_bytes().startswith(b"\x89PNG")
     again = run("stability", *FEW, "--plot", file)
     assert (again.returncode, "exists; choose another file or add --overwrite" in again.stderr) == (2, True)
@@ -40,7 +40,7 @@ def test_a_scene_is_pressed_instead_of_walls_and_json_has_every_figure(run):
 
 def test_a_stiff_wall_on_a_weak_device_is_told(run):
     done = run("stability", "--walls", "5000", "--delays", "0ms", "--hand", "arm,max-force=3", "--codec", "raw")
-    assert "Even without a delay, largest force let this device display 3,000 N/m at most." in done.stdout
+    assert "Even without a delay, not more than 3,000 N/m can be relied on (largest force)." in done.stdout
 
 
 @pytest.mark.parametrize(
