@@ -22,22 +22,33 @@ INDENT: Final = 12
 
 def doctor(
     quick: Annotated[bool, typer.Option(help="Leave out the 3 s of measuring.")] = False,
+    hand: Annotated[
+        str | None, typer.Option(metavar="HAND[,KEY=VALUE…]", help="Say when this hand would swing; needs --delay.")
+    ] = None,
+    delay: Annotated[str | None, typer.Option(metavar="TIME", help="Round trip to the slave, such as 50ms.")] = None,
+    scene: Annotated[str | None, typer.Option(metavar="SCENE", help="What that hand touches.")] = None,
 ) -> None:
     """Say whether this machine can run a slave and a master, and what to do if it cannot.
 
     Looks at timer, scheduling, CPUs and socket buffers. Measures round trip and ticks with a slave and a master at
-    1 kHz on loopback for 3 s.
+    1 kHz on loopback for 3 s. With --hand, also says whether a hand on a device that pushes it would swing.
 
     Changes nothing on this machine. Each finding is ok, a warning (it works, but worse than it could) or a problem (it
     will not work).
 
     Exit code: 0 if there is no problem, 1 if there is one, 2 if the options are wrong.
     """
+    from hapticnet.channel.settings import parse_time_us
     from hapticnet.cli.console import Console
-    from hapticnet.runtime.doctor import Verdict, examine, examine_trial
+    from hapticnet.errors import SettingsError
+    from hapticnet.runtime.doctor import Verdict, examine, examine_trial, judge_stability
 
+    if (hand is None) != (delay is None) or (scene is not None and hand is None):
+        raise SettingsError("--hand needs --delay, and --delay and --scene need --hand")
     console = Console("doctor")
     findings = examine()
+    if hand is not None and delay is not None:
+        findings.append(judge_stability(hand, 1e-6 * parse_time_us(delay), scene))
     if not quick:
         console.status("measuring for 3 s")
         findings += examine_trial()

@@ -119,7 +119,7 @@ def join(given: MasterOptions) -> None:
     console.warn_of_unused(
         {
             "--insertions": (
-                given.insertions != INSERTIONS and operator.partition(":")[0] not in ("scripted", "palpation"),
+                given.insertions != INSERTIONS and operator.partition(":")[0] not in ("scripted", "palpation", "hand"),
                 f"the operator is {operator}",
             ),
             "--position-share": (

@@ -15,17 +15,21 @@ from pathlib import Path
 from typing import Any, Final, NamedTuple
 
 from hapticnet.errors import UnavailableError
+from hapticnet.measure.stability import onset
+from hapticnet.operator.yielding import parse_hand
 from hapticnet.runtime.overload import LARGEST_MISSED_SHARE
 from hapticnet.runtime.processes import Child
 from hapticnet.runtime.system import FIFO_PRIORITY, loop_factory, policy
 from hapticnet.runtime.timer import Alarm
 from hapticnet.runtime.udp import RECEIVE_BUFFER_BYTES
+from hapticnet.scene.sources import find_scene
 
 TRIAL_S: Final = 3.0
 # A quarter of a tick, and a whole one, at the 99th percentile. On two shared cores (bench/measure/real_time.py) it is
 # 0.2 ms, with a second busy thread 1.5 ms. A round trip takes 0.1 to 0.2 ms, 0.4 ms at the 99th percentile.
 LATE_US: Final = 250.0, 1000.0  # good and acceptable lateness of ticks
 
+TICKS_S: Final = 0.0015  # at 1 kHz a force is applied a tick after its position, and held for another
 ROUND_TRIP_US: Final = 1000.0, 5000.0  # the same of the round trip: before the next position, and five ticks
 MISSED: Final = LARGEST_MISSED_SHARE, 0.05  # a master warns above the first; above the second, motion has constant gaps
 
@@ -160,6 +164,34 @@ def judge_buffer(granted: int) -> Finding:
         Step("And for good:", f"echo {setting} | sudo tee /etc/sysctl.d/90-hapticnet.conf"),
     )
     return Finding(title, Verdict.WARNING, value, meaning, steps)
+
+
+def judge_stability(hand: str, round_trip_s: float, scene: str | None) -> Finding:
+    """Judge by the closed form whether a hand without reflexes and coupling would swing against a scene.
+
+    Raise SettingsError or FileError if the hand or the scene cannot be used.
+    """
+    spec = parse_hand(f"hand:{hand}")
+    moved, device = spec.hand, spec.device
+    limit, hertz = onset(
+        moved.mass_kg + device.mass_kg,
+        moved.damping_n_s_per_m + device.damping_n_s_per_m,
+        moved.stiffness_n_per_m,
+        round_trip_s + TICKS_S,
+    )
+    value = f"{hand}, round trip {1e3 * round_trip_s:g} ms: it swings above {limit:.0f} N/m, at {hertz:.1f} Hz"
+    if scene is None:
+        return Finding("Stability", Verdict.OK, value)
+    stiffest = find_scene(scene).stiffest_n_per_m
+    value += f"; {scene} has up to {stiffest:.0f} N/m"
+    if stiffest < limit:
+        return Finding("Stability", Verdict.OK, value)
+    meaning = "A device that pushes the hand will swing with it. One that only presses on the skin does not."
+    steps = (
+        Step("See what helps:", f"hapticnet stability --hand {hand} --delays {1e3 * round_trip_s:g}ms --scene {scene}"),
+        Step("Or bound the energy:", "hapticnet master --coupling energy-bounded …"),
+    )
+    return Finding("Stability", Verdict.WARNING, value, meaning, steps)
 
 
 def examine_trial() -> list[Finding]:

@@ -139,6 +139,11 @@ class SceneSettings:
         object.__setattr__(self, "tissues", front_to_back(self.tissues))
         check_names(self.name, [tissue.name for tissue in self.tissues], "tissues")
 
+    @property
+    def stiffest_n_per_m(self) -> float:
+        """Largest stiffness of a tissue before it breaks."""
+        return max(each.stiffness_n_per_m + each.stiffening_per_m * each.breach_force_n for each in self.tissues)
+
 
 LARGEST_PLACE_M: Final = 10.0
 """Largest coordinate [m] of a body, and largest radius. Farther away, rounding would be felt on stiff bodies."""
@@ -250,6 +255,11 @@ class BodySceneSettings:
     def axes(self) -> int:
         """Number of axes of positions and forces."""
         return self.bodies[0].axes
+
+    @property
+    def stiffest_n_per_m(self) -> float:
+        """Largest stiffness of a body."""
+        return max(body.stiffness_n_per_m for body in self.bodies)
 
 
 def _place(name: str, values: object) -> Vector:

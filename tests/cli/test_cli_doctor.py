@@ -46,6 +46,19 @@ def test_a_real_check_up_measures_and_leaves_nothing_behind(tmp_path):
     assert list(tmp_path.iterdir()) == []
 
 
+def test_a_hand_is_judged_with_its_delay():
+    done = hapticnet("doctor", "--quick", "--hand", "arm", "--delay", "50ms", "--scene", "paper")
+    assert "Stability            arm, round trip 50 ms: it swings above 150 N/m" in done.stdout
+    for wrong, words in (
+        (["--hand", "arm"], "--hand needs --delay"),
+        (["--scene", "paper"], "--scene need --hand"),
+        (["--hand", "am", "--delay", "5ms"], "did you mean 'arm'?"),
+        (["--hand", "arm", "--delay", "fast"], "is not a time"),
+    ):
+        done = hapticnet("doctor", "--quick", *wrong)
+        assert (done.returncode, words in done.stderr) == (2, True)
+
+
 @pytest.mark.parametrize("closed", [">&-", "<&- >&- 2>&-"])
 def test_closed_standard_streams_are_no_error(closed):
     for verb, codes in (("doctor --quick", (0, 1)), ("slave --listen 127.0.0.1:0 --duration 0.1 --quiet", (0,))):

@@ -6,6 +6,8 @@ import socket
 import pytest
 
 from hapticnet.errors import UnavailableError
+from hapticnet.experiment.stability import Setup
+from hapticnet.operator.yielding import HANDS
 from hapticnet.runtime import doctor
 from hapticnet.runtime.doctor import (
     Verdict,
@@ -14,6 +16,7 @@ from hapticnet.runtime.doctor import (
     judge_buffer,
     judge_cpus,
     judge_scheduling,
+    judge_stability,
     judge_trial,
     run_trial,
     try_fifo,
@@ -131,3 +134,34 @@ def test_a_trial_measures_whatever_keys_and_options_the_environment_names(monkey
     measured = run_trial(0.2)
     assert measured["ticks"] + measured["missed_ticks"] > 50
     assert len(judge_trial(measured)) == 3
+
+
+@pytest.mark.parametrize(
+    ("hand", "round_trip_s", "scene", "verdict", "value"),
+    [
+        ("arm", 0.05, "paper", Verdict.WARNING, "above 150 N/m, at 3.1 Hz; paper has up to 500 N/m"),
+        ("arm", 0.05, None, Verdict.OK, "above 150 N/m"),
+        ("stiff-arm", 0.01, "paper", Verdict.OK, "paper has up to 500 N/m"),
+        ("stiff-arm,damping=2", 0.01, "paper", Verdict.WARNING, "stiff-arm,damping=2, round trip 10 ms"),
+        ("finger", 0.02, "phantom", Verdict.WARNING, "phantom has up to 400 N/m"),
+        ("arm", 0.005, "example-viscous", Verdict.OK, "example-viscous has up to 640 N/m"),  # stiffer where it breaks
+    ],
+)
+def test_a_hand_that_would_swing_against_the_scene_is_a_warning_with_what_helps(
+    hand, round_trip_s, scene, verdict, value
+):
+    found = judge_stability(hand, round_trip_s, scene)
+    assert found.verdict is verdict
+    assert value in found.value
+    commands = [step.command for step in found.to_do]
+    assert any(f"--hand {hand} --delays {1e3 * round_trip_s:g}ms --scene {scene}" in each for each in commands) is (
+        verdict is Verdict.WARNING
+    )
+
+
+@pytest.mark.parametrize("hand", HANDS)
+def test_the_closed_form_of_a_hand_holds_for_the_sampled_loop(hand):
+    for round_trip_s in (0.0, 0.01, 0.05):
+        exact = Setup(hand=HANDS[hand]).expected(round_trip_s)
+        said = judge_stability(hand, round_trip_s, None).value
+        assert float(said.partition("above ")[2].split()[0]) == pytest.approx(exact.stiffness_n_per_m, rel=0.05)
