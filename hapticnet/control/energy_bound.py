@@ -19,7 +19,7 @@ What fills the account
   then it is that of a confirmed law of the position, which is passive. A correction is a change that is larger than
   half a JND and than K·|dx|.
 
-It never holds more than the force could have stored since the contact began (force times depth) and the allowance, so
+It never holds more than the force could have stored since the contact began (F times depth) and the allowance, so
 that the energy which a breach or a damper absorbs does not pay for an oscillation later.
 """
 
@@ -113,7 +113,7 @@ class EnergyBound:
             self._watch(force_n, size_n, move_m, square_m2, now_us)
             if size_n <= self._law.floor_n:
                 self._began_m, self._squares_m2, self._product_j = position_m, 0.0, 0.0
-            stored_j = size_n * magnitude(minus(position_m, self._began_m)) + self._allowance_j
+            stored_j = max(dot(force_n, minus(position_m, self._began_m)), 0.0) + self._allowance_j
             if follows and now_us - self._confirmed_us > CONFIRMED_US and size_n > self._law.floor_n:
                 missing_j = self._confirmed_j(force_n, size_n, position_m) - self.energy_j
                 if work_j >= 0.0:  # not while the force drives the hand
