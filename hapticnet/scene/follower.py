@@ -48,8 +48,7 @@ class Follower:
         self.velocity_m_per_s: Vector = (0.0,) * self.axes
         self._integral_n: Vector = (0.0,) * self.axes
         self._contact_n: Vector = (0.0,) * self.axes
-        parts = scene.tissues if isinstance(scene, Scene) else scene.bodies
-        self._stiffness = max(part.stiffness_n_per_m for part in parts)  # of the newest contact [N/m], a first guess
+        self._stiffness = scene.settings.stiffest_n_per_m  # of the newest contact [N/m], a first guess
 
     @property
     def settings(self) -> AnySceneSettings:
