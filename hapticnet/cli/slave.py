@@ -14,6 +14,7 @@ from hapticnet.cli.console import Console, check_outputs, deliver
 from hapticnet.cli.given import SlaveOptions
 from hapticnet.cli.watching import watch_for_programs
 from hapticnet.codec.registry import parse_codec, register_installed_codecs
+from hapticnet.control.couplings import register_installed_couplings
 from hapticnet.errors import FileError, RunError, SettingsError
 from hapticnet.experiment.provenance import provenance
 from hapticnet.files import check_folder
@@ -48,7 +49,7 @@ MOST_FAILURES: Final = 10  # most failures of scenes and codecs that the report 
 def serve(options: SlaveOptions) -> None:
     """Serve until the end, and deliver the report."""
     console = Console("slave", quiet=options.quiet, real_time=True)
-    for fault in register_installed_codecs():
+    for fault in [*register_installed_codecs(), *register_installed_couplings()]:
         console.warn(f"not served: {fault}")
     for text in options.add_codec or ():
         parse_codec(text)  # whose import registers it
