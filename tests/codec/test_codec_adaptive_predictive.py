@@ -59,11 +59,6 @@ def test_a_steady_slope_is_followed_without_a_packet():
     assert packets(Deadband(law=LAW), ramp) >= 5
 
 
-def test_it_sends_a_third_of_the_deadband_s_packets_on_a_smooth_force():
-    stimuli = wandering(20_000, seed=2)
-    assert packets(AdaptivePredictive(law=LAW), stimuli) < packets(Deadband(law=LAW), stimuli) / 3
-
-
 def test_on_noise_it_learns_to_hold_the_level_and_not_what_left_the_threshold():
     noise = 1.0 + 0.02 * np.random.default_rng(5).standard_normal((20_000, 1))
     assert packets(AdaptivePredictive(law=LAW), noise) < 0.7 * packets(Deadband(law=LAW), noise)

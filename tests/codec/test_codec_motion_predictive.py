@@ -57,14 +57,6 @@ def paper(insertions=2, seed=1):
     return np.array(forces), np.array(positions)
 
 
-def test_the_paper_s_scene_takes_few_packets():
-    forces, positions = paper()
-    codec = MotionPredictive(law=LAW)
-    encoding = played(codec, forces, positions)
-    assert len(encoding.sent) <= 20
-    assert len(encoding.sent) < len(played(AdaptivePredictive(law=LAW), forces, positions).sent) / 2
-
-
 def test_a_spring_with_a_damper_is_learned_and_then_needs_hardly_a_packet():
     positions = hand(8000, speed_hz=0.7)
     velocities, before, velocity = [], positions[0], 0.0

@@ -225,12 +225,6 @@ def test_beside_a_force_that_is_not_finite_nothing_is_foretold(force_n: float) -
     assert true_n[400:].max() == 0.0
 
 
-def test_no_forecast_presses_harder_than_the_clamp() -> None:
-    target_n, true_n = felt_n(PlantSettings(finger=Finger(stiffness_n_m=3000.0)), 3_000, lambda _: 50.0, lambda _: 99.0)
-    assert target_n.max() <= 4.6
-    assert true_n.max() <= 5.0
-
-
 @pytest.mark.parametrize("stiffness_n_m", [300.0, 1000.0, 3000.0])
 @pytest.mark.parametrize("seed", range(3))
 def test_a_breach_that_is_foretold_is_felt_earlier(stiffness_n_m: float, seed: int) -> None:
