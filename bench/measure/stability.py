@@ -51,7 +51,7 @@ def found_onset(pair: tuple[str, int]) -> Row:
         hand.stiffness_n_per_m,
         1e-3 * (delay_ms + 1.5),  # a tick until a force is applied, and half of the one in which it is held
     )
-    found = onset_of(setup, 1e-3 * delay_ms, exact.stiffness_n_per_m / 3.0, exact.stiffness_n_per_m * 3.0)
+    found = onset_of(setup, 1e-3 * delay_ms, exact.stiffness_n_per_m / 1.5, exact.stiffness_n_per_m * 1.5)
     return {
         "hand": name,
         "delay_ms": delay_ms,

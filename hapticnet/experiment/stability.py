@@ -41,8 +41,8 @@ the surface: a hand that bounces may fall from a hard impact into a swing that s
 
 THROWN_M: Final = 0.1  # a hand that swings so far loses the device
 PRESS_N: Final = 3.0  # force of the press
-JERK_SHARE: Final = 0.15  # of it, by which the hand is jerked for `JERK_S`
-FROM_M, GENTLY_FROM_M = -0.01, -0.001  # start of the press, before the surface
+JERK_M, GENTLE_JERK = 0.003, 0.2  # how far the hand is jerked; gently, as a share of the depth
+FROM_M, GENTLY_FROM_M = -0.01, 0.0  # start of the press, before the surface
 PRESSED_S, JERKED_S, JERK_S, AFTER_S, WINDOW_S, EASE_S, SLOW_S = 0.8, 1.2, 0.05, 0.2, 1.2, 0.7, 2.5
 """End of the press, start and length of the jerk, pause after it, length of each of two windows of rest, and then time
 to ease into the slow motion, and its length [s]."""
@@ -148,10 +148,12 @@ class _Press:
         self.axes = 1
         self._from_m = at[0] + from_m
         self._by_m = at[1] + force_n / hand.stiffness_n_per_m - from_m
-        self._jerk_m = JERK_SHARE * force_n / hand.stiffness_n_per_m
+        self._jerk_m = GENTLE_JERK * at[1] if gentle else JERK_M
         # Two windows that hold at least a period and a half of the hand by itself
         own_s = 2.0 * math.pi * math.sqrt((hand.mass_kg + setup.device.mass_kg) / hand.stiffness_n_per_m)
-        self.window_s = max(WINDOW_S, 1.5 * own_s) * (2.0 if gentle else 1.0)
+        self.window_s = max(WINDOW_S, 1.5 * own_s)
+        if gentle:  # many round trips, because a swing grows once in each
+            self.window_s = 2.0 * self.window_s + 10.0 * delay_s
         self.slow_s = JERKED_S + JERK_S + AFTER_S + delay_s + 2.0 * self.window_s
         self.measures_s = self.slow_s + EASE_S + delay_s
         self._amplitude_m = self._by_m + from_m
@@ -162,7 +164,7 @@ class _Press:
         tau = min(t_s / PRESSED_S, 1.0)
         at_m = self._from_m + self._by_m * tau * tau * tau * (10.0 + tau * (6.0 * tau - 15.0))  # minimum jerk
         if JERKED_S <= t_s < JERKED_S + JERK_S:
-            at_m += self._jerk_m
+            at_m += 0.5 * self._jerk_m * (1.0 - math.cos(2.0 * math.pi * (t_s - JERKED_S) / JERK_S))
         if t_s > self.slow_s:
             for hz, share in zip(SLOW_HZ, SLOW_SHARE, strict=True):
                 at_m += share * self._amplitude_m * math.sin(2.0 * math.pi * hz * (t_s - self.slow_s))
