@@ -31,6 +31,8 @@ from hapticnet.perception import WeberLaw
 from hapticnet.samples import Vector
 from hapticnet.vectors import along, dot, magnitude, minus, times
 
+FIRST_N: Final = 2.0  # largest force [N] that the allowance allows, however stiff K is
+
 CONFIRMED_US: Final = 300_000
 """Time [µs] without a correction after which a force that follows the position counts as confirmed: longer than the
 round trips at which touch is of use (200 ms), within which a wrong law is not contradicted yet."""
@@ -64,9 +66,9 @@ class EnergyBound:
     ) -> None:
         check_above("damping of hand and device", damping_n_s_per_m, 0.0, 1e4, "N·s/m")
         check_parameter("allowance of a contact", allowance_j, 0.0, 1.0, "J")
-        self.energy_j = self._allowance_j = allowance_j
         self._law, self._max_force_n, self._damping = law, max_force_n, damping_n_s_per_m
         self._stiffest = 2e6 * damping_n_s_per_m / period_us  # [N/m]
+        self.energy_j = self._allowance_j = min(allowance_j, 0.5 * FIRST_N * FIRST_N / self._stiffest)
         self._applied_n: Vector = ()
         self._asked_n: Vector = ()
         self._position_m: Vector | None = None
@@ -91,6 +93,9 @@ class EnergyBound:
         """Return the force [N] to apply until the next tick. See `couplings.MasterEnd.limit`."""
         self._ticks += 1
         size_n, before_m = magnitude(force_n), self._position_m
+        if size_n > self._max_force_n:
+            force_n, size_n = times(force_n, self._max_force_n / size_n), self._max_force_n
+            follows = False  # what the device renders is not the law of the tissue any more
         if before_m is None or len(before_m) != len(position_m):
             self._begin(force_n, position_m, now_us)
         else:
@@ -121,7 +126,7 @@ class EnergyBound:
             else:
                 self.energy_j = min(self.energy_j, stored_j)
         self._position_m, self._now_us, self._asked_n = position_m, now_us, force_n
-        most_n = min(math.sqrt(2.0 * self._stiffest * self.energy_j), self._max_force_n)
+        most_n = math.sqrt(2.0 * self._stiffest * self.energy_j)
         self._applied_n = force_n
         if size_n > most_n:
             self.held_back += 1
@@ -147,7 +152,7 @@ class EnergyBound:
         """Return the energy [J] that a spring of the stiffness seen lately holds at a force [N]; 0 if too stiff."""
         least_j = 0.5 * size_n * size_n / self._stiffest
         if self._squares_m2 <= SMALLEST_MOVE_M * SMALLEST_MOVE_M:
-            return least_j
+            return least_j if size_n < self._stiffest * LARGEST_DEPTH_M else 0.0
         stiffness = self._product_j / self._squares_m2
         if stiffness > TOLERANCE * self._stiffest:
             return 0.0
