@@ -115,3 +115,17 @@ def test_a_map_is_in_order_and_does_not_depend_on_the_number_of_processes():
     assert one == two
     assert [(each.stiffness_n_per_m, each.round_trip_s) for each in one] == cells
     assert one[0] != press(replace(setup, seed=4), *cells[0])
+
+
+@pytest.mark.parametrize("rate_hz", [100.0, 1000.0])
+@pytest.mark.parametrize("mass_kg", [1e-5, 0.5])
+@pytest.mark.parametrize("codec", ["deadband", "motion-predictive"])
+def test_no_wall_mass_or_rate_breaks_the_energy_bound(codec, mass_kg, rate_hz):
+    setup = Setup(
+        hand=replace(HANDS["arm"], mass_kg=mass_kg),
+        device=GroundedSettings(max_force_n=8.0, resolution_m=1e-5),
+        master=MasterSettings(codec=codec, coupling="energy-bounded", rate_hz=rate_hz),
+    )
+    found = press(setup, 1e6, 0.1)
+    assert found.stable
+    assert found.largest_n <= 8.0
