@@ -21,7 +21,7 @@ EXAMPLES: Final[dict[tuple[str, ...], tuple[str, ...]]] = {
     ),
     ("sweep", "run"): (
         "hapticnet sweep run studies/rate-distortion.toml --out-dir results/rates",
-        "hapticnet sweep run studies/repair.toml --out-dir results/repair --jobs 4",
+        "hapticnet sweep run studies/repair.toml --out-dir results/repair --scheduler tcp://192.0.2.7:8786",
     ),
     ("sweep", "show"): (
         "hapticnet sweep show results/rates",

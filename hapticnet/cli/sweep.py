@@ -18,6 +18,8 @@ from hapticnet.cli.console import Console
 
 if TYPE_CHECKING:
     from hapticnet.sweep.engine import Progress
+    from hapticnet.sweep.plan import Plan
+    from hapticnet.sweep.pools import AnyPool
     from hapticnet.sweep.results import Results, Summary
 
 ACCOUNT: Final = (
@@ -49,6 +51,12 @@ def run(
         Path | None, typer.Option(metavar="DIR", help="Folder of the results. Existing results are kept.")
     ] = None,
     jobs: options.Jobs = None,
+    scheduler: Annotated[
+        str | None,
+        typer.Option(
+            metavar="tcp://HOST:PORT", help="Use the workers of this Dask scheduler; needs the extra cluster."
+        ),
+    ] = None,
     repeats: Annotated[
         int | None, typer.Option(metavar="N", help="Repeats, instead of the study's number; more can be added later.")
     ] = None,
@@ -73,6 +81,8 @@ def run(
     from hapticnet.sweep.store import Store, arrow
     from hapticnet.sweep.study import read_study
 
+    if jobs is not None and scheduler is not None:
+        raise SettingsError("--jobs starts processes here, and --scheduler has its own workers; give one of them")
     if shard is not None:
         check_integer("--shard", shard, 1, 10**9)
     arrow()
@@ -87,7 +97,7 @@ def run(
         there = store.open(plan, file.text, {"provenance": provenance()})
         console = Console("sweep", quiet=quiet or json)
         with _stopped_by_signals() as taken, _shown(plan.name, console, quiet=quiet or json) as show:
-            pool = engine.pool_of(plan, cores)
+            pool = _pool(plan, cores, scheduler)
             try:
                 progress = engine.sweep(
                     plan,
@@ -117,6 +127,12 @@ def run(
             f"{len(progress.poison)} shards could not be computed, the first because {progress.first_reason}; run the"
             " same command again to try them again"
         )
+
+
+def _pool(plan: "Plan", jobs: int, scheduler: str | None) -> "AnyPool":
+    from hapticnet.sweep.pools import ClusterPool, local_pool
+
+    return local_pool(plan, jobs) if scheduler is None else ClusterPool(plan, scheduler)
 
 
 @contextmanager
@@ -279,7 +295,7 @@ def _text(value: Any) -> str:
 app = typer.Typer(
     cls=WithoutVerb,
     no_args_is_help=True,
-    help="Compute every combination of the settings in a study, with all cores.\n\n"
+    help="Compute every combination of the settings in a study, with all cores or a cluster.\n\n"
     "'hapticnet sweep STUDY.toml' is short for 'hapticnet sweep run STUDY.toml'.",
 )
 app.command(RUN, short_help="Compute the missing runs of a study.")(run)

@@ -12,7 +12,7 @@ from hapticnet.errors import SettingsError
 
 CHECKED: Final = {
     "connect", "listen", "metrics", "page", "channel_out", "channel_in", "codec", "add_codec", "rate", "fastest_rate",
-    "device", "operator",
+    "device", "operator", "scheduler",
 }  # fmt: skip
 
 
@@ -67,3 +67,8 @@ def _check(name: str, value: Any) -> None:
         from hapticnet.cli.operators import check_operator
 
         check_operator(value)
+    elif name == "scheduler":
+        kind, separator, place = value.partition("://")
+        if kind not in ("tcp", "tls") or not separator:
+            raise SettingsError(f"address {value!r} must be tcp://HOST:PORT or tls://HOST:PORT")
+        _check("connect", place)

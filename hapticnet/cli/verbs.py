@@ -143,7 +143,7 @@ def _with_home(value: Any) -> Any:
 
 GROUPS: Final[dict[str, tuple[str, ...]]] = {
     "Connection": (
-        "connect", "listen", "connect-timeout", "name", "most-sessions", "most-sessions-per-key", "keep",
+        "connect", "listen", "connect-timeout", "name", "scheduler", "most-sessions", "most-sessions-per-key", "keep",
         "drain", "fastest-rate",
     ),
     "Keys": ("key", "peer-key", "masters", "insecure"),

@@ -37,7 +37,11 @@ class Outcome(NamedTuple):
 
 
 class EndedError(UnavailableError):
-    """A worker process was killed, or ended itself, while it computed an item."""
+    """A worker process was killed, or ended itself, while it computed an item; `final` if no tries are left."""
+
+    def __init__(self, text: str, *, final: bool = False) -> None:
+        super().__init__(text)
+        self.final = final
 
 
 class Pool:

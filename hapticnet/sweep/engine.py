@@ -7,10 +7,11 @@ from dataclasses import dataclass, field
 from typing import Final
 
 from hapticnet.errors import FileError, HapticnetError, UnavailableError, in_words
-from hapticnet.experiment.workers import Outcome, Pool
-from hapticnet.sweep.plan import Plan, Runner
+from hapticnet.experiment.workers import EndedError, Outcome
+from hapticnet.sweep.plan import Plan
+from hapticnet.sweep.pools import AnyPool
 from hapticnet.sweep.runs import Cutter, Shard
-from hapticnet.sweep.store import Computed, Store, compute
+from hapticnet.sweep.store import Computed, Store
 
 SHARD_S: Final = 3.0  # duration of a shard [s]: long compared with the cost of storing it, but short to wait for
 SHORTEST_S: Final = 0.3  # duration of the last shards [s], so that all workers end at about the same time
@@ -90,17 +91,11 @@ class Sizes:
         return size
 
 
-def pool_of(plan: Plan, workers: int) -> Pool:
-    """Return processes that compute the shards of a study; SettingsError if their number is out of range."""
-    # "spawn", because the progress bar and Arrow may run threads; each process keeps its own runner.
-    return Pool(workers, compute, Runner(plan), method="spawn")
-
-
 def sweep(
     plan: Plan,
     store: Store,
     there: Sequence[Shard],
-    pool: Pool,
+    pool: AnyPool,
     *,
     sizes: Sizes,
     is_stopped: Callable[[], bool] = lambda: False,
@@ -127,7 +122,8 @@ def sweep(
         progress.lost_workers += 1
         attempts[shard] = attempts.get(shard, 0) + 1
         reason = str(outcome.error) if isinstance(outcome.error, HapticnetError) else in_words(outcome.error)
-        if attempts[shard] < ATTEMPTS:
+        is_final = isinstance(outcome.error, EndedError) and outcome.error.final
+        if attempts[shard] < ATTEMPTS and not is_final:
             again.append(shard)
             return
         progress.poison.append(shard)

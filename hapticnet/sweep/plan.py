@@ -174,20 +174,20 @@ class Runner:
     """Computes runs. It may cache shared work, but no result may depend on earlier runs."""
 
     def __init__(self, plan: Plan) -> None:
-        self.plan = plan
+        self._plan = plan
         self._codecs: dict[Coder, Codec] = {}
         self._trials: OrderedDict[tuple[int, int], Trial] = OrderedDict()
         self._coded: tuple[tuple[int, int, Coder], Row] | None = None
 
     def settings(self, cell: int) -> Row:
         """Return the columns that identify a combination."""
-        number, coder, link, repair, predicted = self.plan.grid[cell]
-        row = {**self.plan.sources[number].row(), **coder.row(self.plan.swept), **link.row()}
+        number, coder, link, repair, predicted = self._plan.grid[cell]
+        row = {**self._plan.sources[number].row(), **coder.row(self._plan.swept), **link.row()}
         return {**row, "repair": repair.text, "predicted": "yes" if predicted else "no"}
 
     def measure(self, repeat: int, cell: int, rng: np.random.Generator) -> Row:
         """Return the measures of a run. The generator belongs to this run alone."""
-        number, coder, link, repair, predicted = self.plan.grid[cell]
+        number, coder, link, repair, predicted = self._plan.grid[cell]
         if coder not in self._codecs:
             self._codecs[coder] = coder.make()
         codec, trial = self._codecs[coder], self._trial(number, repeat)
@@ -223,8 +223,8 @@ class Runner:
         key = number, repeat
         if key not in self._trials:
             # All combinations of a repeat share it, so that they meet the same hand.
-            seed = np.random.SeedSequence(entropy=self.plan.seed, spawn_key=(repeat, FOR_REPEAT))
-            self._trials[key] = self.plan.sources[number].trial(np.random.default_rng(seed))
+            seed = np.random.SeedSequence(entropy=self._plan.seed, spawn_key=(repeat, FOR_REPEAT))
+            self._trials[key] = self._plan.sources[number].trial(np.random.default_rng(seed))
             if len(self._trials) > KEPT_TRIALS:
                 self._trials.popitem(last=False)
         return self._trials[key]
@@ -245,9 +245,8 @@ class Runner:
         return self._coded[1]
 
 
-def rows_of(runner: Runner, shard: Shard) -> list[Row]:
+def rows_of(plan: Plan, runner: Runner, shard: Shard) -> list[Row]:
     """Return the rows of a shard: the same in any shard, worker and order. A run that fails has its error instead."""
-    plan = runner.plan
     nothing: Row = dict.fromkeys(plan.columns)
     rows = []
     for run in range(shard.first, shard.end):

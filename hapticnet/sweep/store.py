@@ -73,11 +73,11 @@ class Computed:
     cpu_s: float
 
 
-def compute(runner: Runner, shard: Shard) -> Computed:
+def compute(plan: Plan, runner: Runner, shard: Shard) -> Computed:
     """Return a shard that is ready to be stored."""
     began_s, cpu_s = time.perf_counter(), time.thread_time()
-    rows = rows_of(runner, shard)
-    content = shard_bytes(runner.plan, shard, rows)
+    rows = rows_of(plan, runner, shard)
+    content = shard_bytes(plan, shard, rows)
     errors = [str(row["error"]) for row in rows if row["error"] is not None]
     seconds, cpu_s = time.perf_counter() - began_s, time.thread_time() - cpu_s
     return Computed(shard, content, len(errors), errors[0] if errors else None, seconds, cpu_s)

@@ -59,7 +59,7 @@ def test_there_are_examples_of_the_verbs_that_exist():
         (("master", "--insec"), {"--insecure"}),
         (("master", "--positions", "l"), {"line"}),
         (("sweep", "s"), {"show"}),
-        (("sweep", "study.toml", "--sh"), {"--shard"}),
+        (("sweep", "study.toml", "--sch"), {"--scheduler"}),
     ],
 )
 def test_the_shell_completes(monkeypatch, words, expected):

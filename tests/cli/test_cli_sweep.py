@@ -174,10 +174,13 @@ def test_what_is_missing_on_the_command_line_or_the_machine_is_told(run, study, 
     assert_only_line(run("sweep", tmp_path / "none.toml", "--out-dir", tmp_path / "x"), "No such file", code=3)
     assert_only_line(run("sweep", study, "--out-dir", study), "study.toml", code=3)
     assert_only_line(run("sweep", study, "--out-dir", tmp_path / "x", "--jobs", "0"), "--jobs", code=2)
+    both = ("--jobs", "1", "--scheduler", "tcp://127.0.0.1:1")
+    assert_only_line(run("sweep", study, "--out-dir", tmp_path / "x", *both), "give one of them", code=2)
     assert_only_line(run("sweep", "show", tmp_path), "is not a folder that hapticnet sweep wrote", code=3)
     for package, arguments in (
         ("pyarrow", (study, "--out-dir", tmp_path / "x")),
         ("duckdb", ("show", swept)),
+        ("distributed", (study, "--out-dir", tmp_path / "x", *both[2:])),
     ):
         with monkeypatch.context() as patch:
             patch.setitem(sys.modules, package, None)

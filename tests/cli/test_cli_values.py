@@ -85,6 +85,7 @@ def test_a_value_of_the_wrong_form_is_refused(run, verb, name):
         (("master", "--positions", "lines"), "'lines' is not one of 'raw', 'line'"),
         (("demo", "--rate", "3"), "rate is 3.0 Hz; it must be between 20 and 100000 Hz"),
         (("sweep", "show", "results", "--x", "loss"), "--x needs --plot"),
+        (("sweep", "run", "study.toml", "--scheduler", "127.0.0.1:8786"), "must be tcp://HOST:PORT or tls://HOST:PORT"),
     ],
 )
 def test_a_refusal_says_what_would_be_right(words, right):

@@ -8,8 +8,9 @@ import pytest
 
 from hapticnet.errors import FileError, SettingsError, UnavailableError
 from hapticnet.experiment.workers import EndedError, Outcome
-from hapticnet.sweep.engine import ATTEMPTS, HOPELESS, Progress, Sizes, pool_of, sweep
+from hapticnet.sweep.engine import ATTEMPTS, HOPELESS, Progress, Sizes, sweep
 from hapticnet.sweep.plan import Runner, plan_of, rows_of
+from hapticnet.sweep.pools import local_pool
 from hapticnet.sweep.runs import Shard
 from hapticnet.sweep.store import Store, compute, shard_name
 from hapticnet.sweep.study import read_study
@@ -21,7 +22,7 @@ class HerePool:
     workers = 2
 
     def __init__(self, plan, poison=(), most_breaks=10**6):
-        self._runner = Runner(plan)
+        self._plan, self._runner = plan, Runner(plan)
         self._poison, self._breaks = set(poison), most_breaks
         self._waiting = deque()
         self.began = []
@@ -43,7 +44,7 @@ class HerePool:
         if self._breaks and self._poison & set(range(*shard)):
             self._breaks -= 1
             return [Outcome(shard, None, EndedError("it ended"))]
-        return [Outcome(shard, compute(self._runner, shard), None)]
+        return [Outcome(shard, compute(self._plan, self._runner, shard), None)]
 
     def drop_waiting(self):
         self._waiting.clear()
@@ -61,7 +62,7 @@ def swept(plan, path, pool, *, shard=None, **options) -> Progress:
 
 @pytest.fixture
 def truth(plan):
-    return rows_of(Runner(plan), Shard(0, plan.runs))
+    return rows_of(plan, Runner(plan), Shard(0, plan.runs))
 
 
 def test_the_rows_do_not_depend_on_the_size_of_shards(plan, truth, rows, tmp_path):
@@ -83,7 +84,7 @@ def test_the_rows_do_not_depend_on_processes_not_even_if_one_is_killed(plan, tru
             victim.kill()
             killed.append(victim.pid)
 
-    pool = pool_of(plan, workers)
+    pool = local_pool(plan, workers)
     try:
         done = swept(plan, tmp_path / "out", pool, shard=4, on_progress=kill_one)
     finally:
@@ -232,7 +233,7 @@ def test_shards_grow_to_seconds_and_shrink_toward_the_end():
 def test_a_run_that_ends_its_process_costs_its_own_shard_only(own_codec, rows, tmp_path):
     codec, once = ('["deadband", "linear-predictive"]', '"mine.py:Mine"'), ("repeats = 4", "repeats = 1")
     plan = own_codec("os._exit(1)", codec, once)  # 8 runs, the last 4 of which end their process
-    pool = pool_of(plan, 2)
+    pool = local_pool(plan, 2)
     try:
         done = swept(plan, tmp_path / "out", pool, shard=4)
     finally:

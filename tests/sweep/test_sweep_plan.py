@@ -30,7 +30,7 @@ def planned(tmp_path):
 
 def test_a_felt_run_is_what_feel_says_with_the_random_numbers_of_its_number(plan):
     runner = Runner(plan)
-    row = rows_of(runner, Shard(23, 24))[0]  # repeat 1, combination 7
+    row = rows_of(plan, runner, Shard(23, 24))[0]  # repeat 1, combination 7
     assert (row["run"], row["repeat"], row["codec"], row["multiplier"]) == (23, 1, "linear-predictive", 1.0)
     assert (row["delay_ms"], row["loss"], row["feedback"]) == (5.0, 0.1, "delay=5ms,jitter=normal:2ms,loss=10%")
     trial = plan.sources[0].recorded
@@ -51,7 +51,7 @@ def test_a_felt_run_is_what_feel_says_with_the_random_numbers_of_its_number(plan
     assert row["felt_rms_jnd"] > row["coded_rmse_n"] > 0.0
     assert set(row) == set(plan.columns)
     other = pickle.loads(pickle.dumps(plan))  # noqa: S301 - of this test
-    assert rows_of(Runner(other), Shard(23, 24)) == [row], "another worker, which did no run before"
+    assert rows_of(other, Runner(other), Shard(23, 24)) == [row], "another worker, which did no run before"
 
 
 def test_all_combinations_of_a_repeat_meet_the_same_hand_and_every_repeat_another(planned):
@@ -59,7 +59,7 @@ def test_all_combinations_of_a_repeat_meet_the_same_hand_and_every_repeat_anothe
         f'name = "x"\nrepeats = 2\n[axes]\nhand = "{SHORT}"\nscene = ["paper:1", "paper:2"]\n'
         'multiplier = [1, 2]\nrepair = ["never", "round-trip"]\n'
     )
-    rows = rows_of(Runner(plan), Shard(0, plan.runs))
+    rows = rows_of(plan, Runner(plan), Shard(0, plan.runs))
     by_hand = {(row["source"], row["repeat"]): row["coded_rmse_n"] for row in rows if row["multiplier"] == 1.0}
     assert len(set(by_hand.values())) == len(by_hand) == 4
     for row in rows:
@@ -70,6 +70,6 @@ def test_all_combinations_of_a_repeat_meet_the_same_hand_and_every_repeat_anothe
 def test_scenes_on_three_axes_are_palpated(planned):
     hand = "palpation:palpations=1,strokes=1,press_s=0.1,stroke_s=0.1,rest_s=0"
     plan = planned(f'name = "x"\n[axes]\nscene = "phantom"\nhand = "{hand}"\nrate_hz = 200\n')
-    row = rows_of(Runner(plan), Shard(0, 1))[0]
+    row = rows_of(plan, Runner(plan), Shard(0, 1))[0]
     assert row["error"] is None
     assert row["sent"] > 0
