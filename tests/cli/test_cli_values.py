@@ -24,7 +24,7 @@ NEEDED = {
     ("experiment", "limits"): ("--participant", "03"),
     ("experiment", "order"): ("--participant", "03"),
     ("experiment", "analyse"): ("study",),
-    ("doctor",): ("--quick",),
+    ("doctor",): ("--quick", "--hand", "arm", "--delay", "1ms", "--scene", "paper"),
 }
 """What else each verb needs, so that only the one value is wrong."""
 
