@@ -123,7 +123,7 @@ def _verdict(setup: "Setup", found: "Sequence[Outcome]", jobs: int) -> list[str]
     against = f" against {softest:g} N/m" if softest else ""
     first = (
         f"At {1e3 * first_s:g} ms this hand swings for ever{against}. Without a codec it would against"
-        f" {alone.stiffness_n_per_m:.3g} N/m and more, at {alone.frequency_hz:.2g} Hz."
+        f" {alone.stiffness_n_per_m:,.0f} N/m and more, at {alone.frequency_hz:.2g} Hz."
     )
     tried = []
     for cure in (*CURES, CURES[0] | CURES[1]):

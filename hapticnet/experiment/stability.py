@@ -35,15 +35,15 @@ SMALL_SWING_M: Final = 0.2e-3
 SMALL_SWING_JND: Final = 2.0
 """Swing of the force [JND], peak to peak, that does not matter: a deadband of 1 JND allows it."""
 
-DECAYS: Final = 0.95
+DECAYS, GENTLY_DECAYS = 0.7, 0.95
 """A larger swing still settles if it falls below this share from one window to the next, and the hand does not leave
-the surface: a hand that bounces may fall from a hard impact into a swing that stays."""
+the surface. A swing that stays varies too, as codecs round; in the gentle search for an onset it does not."""
 
 THROWN_M: Final = 0.1  # a hand that swings so far loses the device
 PRESS_N: Final = 3.0  # force of the press
 JERK_M, GENTLE_JERK = 0.003, 0.2  # how far the hand is jerked; gently, as a share of the depth
 FROM_M, GENTLY_FROM_M = -0.01, 0.0  # start of the press, before the surface
-PRESSED_S, JERKED_S, JERK_S, AFTER_S, WINDOW_S, EASE_S, SLOW_S = 0.8, 1.2, 0.05, 0.2, 1.2, 0.7, 2.5
+PRESSED_S, JERKED_S, JERK_S, AFTER_S, WINDOW_S, EASE_S, SLOW_S = 0.8, 1.2, 0.05, 0.2, 2.0, 0.7, 2.5
 """End of the press, start and length of the jerk, pause after it, length of each of two windows of rest, and then time
 to ease into the slow motion, and its length [s]."""
 SLOW_HZ: Final = (0.4, 1.2)
@@ -153,7 +153,7 @@ class _Press:
         own_s = 2.0 * math.pi * math.sqrt((hand.mass_kg + setup.device.mass_kg) / hand.stiffness_n_per_m)
         self.window_s = max(WINDOW_S, 1.5 * own_s)
         if gentle:  # many round trips, because a swing grows once in each
-            self.window_s = 2.0 * self.window_s + 10.0 * delay_s
+            self.window_s = 1.2 * self.window_s + 10.0 * delay_s
         self.slow_s = JERKED_S + JERK_S + AFTER_S + delay_s + 2.0 * self.window_s
         self.measures_s = self.slow_s + EASE_S + delay_s
         self._amplitude_m = self._by_m + from_m
@@ -229,9 +229,10 @@ def press(setup: Setup, stiffness_n_per_m: float | None, round_trip_s: float, *,
         (t_s > end_s - number * motion.window_s) & (t_s <= end_s - (number - 1) * motion.window_s) for number in (2, 1)
     )
     stable, swings = link.master.failure is None and hand.t_us[-1] >= ends_us, []
+    decays = GENTLY_DECAYS if gentle else DECAYS
     for values, small in (at_m, SMALL_SWING_M), (applied_n, SMALL_SWING_JND * law.jnd_n(pressed_n)):
         before, swing = (float(np.ptp(values[each])) if each.any() else 0.0 for each in (early, late))
-        stable = stable and (swing <= small or (swing < DECAYS * before and bool(np.all(true_n[late] > 0.0))))
+        stable = stable and (swing <= small or (swing < decays * before and bool(np.all(true_n[late] > 0.0))))
         swings.append(swing)
     moving = (t_s > motion.measures_s) & (t_s <= motion.measures_s + SLOW_S)
     measurable = stable and not gentle and float(np.ptp(at_m[moving])) > 0.0
