@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 OPERATORS: Final = (
     "scripted, palpation[:axes=2], hand:NAME[,KEY=VALUE…], page, trace:FILE[:COLUMN,…], udp:[HOST:]PORT[:axes=N],"
-    " FILE.py:CLASS[:KEY=VALUE,…] and package.module:CLASS[:KEY=VALUE,…]"
+    " haply[:HOST:PORT][,KEY=VALUE…], FILE.py:CLASS[:KEY=VALUE,…] and package.module:CLASS[:KEY=VALUE,…]"
 )
 
 
@@ -31,9 +31,10 @@ class Hand:
 
     def report(self) -> dict[str, Any] | None:
         """Return the operator's report for JSON, or None."""
+        from hapticnet.operator.haply import HaplyOperator
         from hapticnet.operator.remote import RemoteOperator
 
-        return self.operator.report() if isinstance(self.operator, RemoteOperator) else None
+        return self.operator.report() if isinstance(self.operator, (HaplyOperator, RemoteOperator)) else None
 
 
 def make_operator(
@@ -47,6 +48,7 @@ def make_operator(
     import numpy as np
 
     from hapticnet.operator.base import UserOperator
+    from hapticnet.operator.haply import is_haply
     from hapticnet.operator.live import LiveHand
     from hapticnet.operator.scripted import InsertionSettings, ScriptedOperator
     from hapticnet.operator.trace import load_trace
@@ -62,6 +64,8 @@ def make_operator(
         wanted = parse_hand(spec)
         made = make_operator(_motion(wanted), insertions=insertions, seed=seed, say=say, warn=warn)
         return replace(made, operator=wanted.holding(made.operator))
+    if is_haply(spec):
+        return _haply(spec, say, warn)
     if spec == "page":
         return Hand(LiveHand())
     if spec == "scripted":
@@ -89,14 +93,19 @@ def check_operator(spec: str) -> "UserClass | None":
     """
     from hapticnet.checks import meant
     from hapticnet.errors import SettingsError
+    from hapticnet.operator.haply import is_haply, parse_haply
     from hapticnet.operator.yielding import is_hand, parse_hand
+    from hapticnet.runtime.udp import parse_host_port
     from hapticnet.user_code import find_user_class
 
     if is_hand(spec):
         motion = _motion(parse_hand(spec))
-        if motion.partition(":")[0] in ("hand", "page", "udp"):
+        if is_haply(motion) or motion.partition(":")[0] in ("hand", "page", "udp"):
             raise SettingsError(f"{spec!r}: no hand intends {motion!r}; try scripted, palpation, trace:FILE or a class")
         check_operator(motion)
+        return None
+    if is_haply(spec):
+        parse_host_port(parse_haply(spec)[0])
         return None
     kind, _, rest = spec.partition(":")
     if kind == "palpation" and rest not in ("", "axes=2", "axes=3"):
@@ -106,7 +115,7 @@ def check_operator(spec: str) -> "UserClass | None":
     elif not (spec in ("page", "scripted") or kind == "palpation" or (kind == "trace" and rest)):
         found = find_user_class(spec, "operator")
         if found is None:
-            names = "scripted", "palpation", "hand", "page", "trace", "udp"
+            names = "scripted", "palpation", "hand", "page", "trace", "udp", "haply"
             raise SettingsError(f"unknown operator {spec!r}{meant(kind, names)}; there are: {OPERATORS}")
         return found
     return None
@@ -119,6 +128,22 @@ def _motion(wanted: "HandSpec") -> str:
     if wanted.motion and wanted.axes is not None:
         raise SettingsError("a hand has axes or a motion, not both: the motion has its own axes")
     return wanted.motion or ("scripted" if wanted.axes in (None, 1) else f"palpation:axes={wanted.axes}")
+
+
+def _haply(spec: str, say: Callable[[str], None], warn: Callable[[str], None]) -> Hand:
+    """Return the operator on an Inverse3; it connects when the run starts."""
+    from hapticnet.errors import UnavailableError
+    from hapticnet.operator.haply import ADDRESS, HaplyOperator, parse_haply
+
+    try:
+        from hapticnet.runtime.haply_port import HaplyPort
+    except ModuleNotFoundError as error:
+        raise UnavailableError("operator haply needs aiohttp (extra web): pip install aiohttp") from error
+    address, settings = parse_haply(spec)
+    if address != ADDRESS:
+        warn(f"whoever answers at {address} can move the tool; the connection there is not encrypted")
+    operator = HaplyOperator(settings)
+    return Hand(operator, None, [HaplyPort(operator, address, say)])
 
 
 def _remote(spec: str, rest: str, say: Callable[[str], None], warn: Callable[[str], None]) -> Hand:
