@@ -133,14 +133,14 @@ def _motion(wanted: "HandSpec") -> str:
 def _haply(spec: str, say: Callable[[str], None], warn: Callable[[str], None]) -> Hand:
     """Return the operator on an Inverse3; it connects when the run starts."""
     from hapticnet.errors import UnavailableError
-    from hapticnet.operator.haply import ADDRESS, HaplyOperator, parse_haply
+    from hapticnet.operator.haply import HaplyOperator, parse_haply
 
     try:
         from hapticnet.runtime.haply_port import HaplyPort
     except ModuleNotFoundError as error:
         raise UnavailableError("operator haply needs aiohttp (extra web): pip install aiohttp") from error
     address, settings = parse_haply(spec)
-    if address != ADDRESS:
+    if not address.startswith(("127.", "localhost:", "[::1]:")):
         warn(f"whoever answers at {address} can move the tool; the connection there is not encrypted")
     operator = HaplyOperator(settings)
     return Hand(operator, None, [HaplyPort(operator, address, say)])
