@@ -57,7 +57,7 @@ class HaplyPort(Watcher[NodeEvent]):
     async def _run(self) -> None:
         url = f"ws://{self._address}"
         async with ClientSession() as session:
-            while not self._ending:
+            while True:
                 try:
                     async with asyncio.timeout(CONNECT_S):
                         opened = await session.ws_connect(url, timeout=ClientWSTimeout(ws_close=CLOSE_S))
@@ -65,7 +65,9 @@ class HaplyPort(Watcher[NodeEvent]):
                         await self._talk(opened)
                 except (OSError, ClientError):  # a timeout is an OSError
                     self._hand.lose(f"no Haply service at {self._address}", now_us())
-                await asyncio.sleep(0.0 if self._ending else AGAIN_S)
+                if self._ending:
+                    return
+                await asyncio.sleep(AGAIN_S)
 
     async def _talk(self, to: ClientWebSocketResponse) -> None:
         """Exchange messages until there is no such device; OSError if the service closes, or is silent for long."""
