@@ -122,7 +122,7 @@ lock: $(BIN)/python
 simulator: system-packages
 	$(MAKE) -C firmware firmware sim
 
-$(VENV)/installed-%: pyproject.toml $(BIN)/python
+$(VENV)/installed-%: pyproject.toml examples/literature/pyproject.toml $(BIN)/python
 	$(BIN)/pip install -q --disable-pip-version-check -e '.[$*]' -e examples/literature
 	@touch $@
 

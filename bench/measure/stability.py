@@ -14,7 +14,8 @@ from typing import Any, Final
 import record
 
 from hapticnet.channel.settings import BernoulliLoss, ChannelSettings, parse_jitter
-from hapticnet.control.couplings import all_couplings, register_installed_couplings
+from hapticnet.codec.registry import every_codec
+from hapticnet.control.couplings import COUPLINGS, all_couplings, register_installed_couplings
 from hapticnet.errors import SettingsError
 from hapticnet.experiment.stability import Setup, onset_of, outcomes
 from hapticnet.measure.stability import onset
@@ -29,8 +30,16 @@ LINEAR: Final = {name: (replace(hand, reflex_n_per_m=0.0), GroundedSettings()) f
 }
 ONSET_DELAYS_MS: Final = (0, 5, 10, 20, 30, 50, 75, 100, 150, 200)
 
-CODECS: Final = ("raw", "deadband", "motion-predictive")
-TABLE_HANDS: Final = ("arm", "stiff-arm", "finger")
+OURS: Final = (
+    ("raw", "direct"),
+    ("deadband", "direct"),
+    ("motion-predictive", "direct"),
+    ("deadband", "energy-bounded"),
+    ("motion-predictive", "energy-bounded"),
+)
+"""Codecs and couplings that are always measured; the deadband also with every other coupling, as in its papers."""
+LITERATURE: Final = "model-mediated"  # a codec that is a coupling in itself
+TABLE_HANDS: Final = ("arm", "tired-arm", "finger")
 LINKS: Final = {
     "clean": ChannelSettings(),
     "5 % loss, 5 ms of jitter": ChannelSettings(loss=BernoulliLoss(0.05), jitter=parse_jitter("normal:5ms")),
@@ -80,8 +89,7 @@ def table_row(case: tuple[str, str, str, str, Sequence[float], Sequence[int], in
         "presses": len(found),
         "stable": sum(each.stable for each in found),
         "transparent": sum(each.transparent for each in found),
-        "worst_swing_m": max(each.swing_m for each in found),
-        "largest_n": max(each.largest_n for each in found),
+        "largest_at_rest_n": max((each.largest_n for each in found if each.stable), default=0.0),
         "feedback_packets_per_s": sum(each.feedback_packets for each in found) / seconds,
         "bytes_per_s": sum(each.forward_bytes + each.feedback_bytes for each in found) / seconds,
         "cells": [
@@ -89,6 +97,7 @@ def table_row(case: tuple[str, str, str, str, Sequence[float], Sequence[int], in
                 "stiffness_n_per_m": each.stiffness_n_per_m,
                 "delay_ms": 1e3 * each.round_trip_s,
                 "stable": each.stable,
+                "transparent": each.transparent,
                 "swing_m": each.swing_m,
                 "stiffness_share": each.stiffness_share,
                 "lag_s": each.lag_s,
@@ -105,10 +114,23 @@ def measure(arguments: argparse.Namespace) -> Row:
     links = list(LINKS)[-1:] if arguments.quick else list(LINKS)
     hands = TABLE_HANDS[:1] if arguments.quick else TABLE_HANDS
     pairs = [("arm", 50)] if arguments.quick else list(product(LINEAR, ONSET_DELAYS_MS))
-    cases = [(*case, stiffnesses, delays_ms, arguments.seed) for case in product(CODECS, all_couplings(), hands, links)]
+    cases = [*OURS, *(("deadband", each) for each in all_couplings() if each not in COUPLINGS)]
+    cases += [(LITERATURE, "direct")] if LITERATURE in every_codec() else []
+    tries = [
+        (*case, hand, link, stiffnesses, delays_ms, arguments.seed) for case, hand, link in product(cases, hands, links)
+    ]
     with multiprocessing.Pool(min(2, os.cpu_count() or 1)) as pool:
         onsets = pool.map(found_onset, pairs, chunksize=1)
-        return {"onsets": onsets, "rows": pool.map(table_row, cases, chunksize=1)}
+        rows = pool.map(table_row, tries, chunksize=1)
+    return {
+        "hands": hands,
+        "stiffnesses": stiffnesses,
+        "delays_ms": delays_ms,
+        "links": links,
+        "cases": cases,
+        "onsets": onsets,
+        "rows": rows,
+    }
 
 
 def main() -> None:

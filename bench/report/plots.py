@@ -15,6 +15,7 @@ from hapticnet.experiment.style import (
     INK,
     ORANGE,
     PURPLE,
+    SKY,
     VERMILION,
     draw_codecs,
     finish_axes,
@@ -210,6 +211,34 @@ def repair(figure: Figure, results: Row) -> None:
     legend(figure, columns[0])
 
 
+def stability(figure: Figure, results: Row) -> None:
+    """Draw where an arm comes to rest over the worst link, for three codecs and couplings."""
+    shown = ("deadband", "direct"), ("deadband", "energy-bounded"), ("motion-predictive", "energy-bounded")
+    looks = {"rests, feels the true stiffness": SKY, "rests, feels another stiffness": GREY, "swings": VERMILION}
+    columns = figure.subplots(1, len(shown), sharey=True)
+    for axes, (codec, coupling) in zip(columns, shown, strict=True):
+        (row,) = (
+            each
+            for each in results["rows"]
+            if (each["codec"], each["coupling"], each["hand"], each["link"])
+            == (codec, coupling, results["hands"][0], results["links"][-1])
+        )
+        for cell in row["cells"]:
+            at = (
+                results["delays_ms"].index(round(cell["delay_ms"])),
+                results["stiffnesses"].index(cell["stiffness_n_per_m"]),
+            )
+            look = list(looks)[0 if cell["transparent"] else 1 if cell["stable"] else 2]
+            axes.bar(at[0], 0.94, 0.94, at[1] - 0.47, color=looks[look], alpha=0.8, label=look)
+        axes.set_title(f"{codec}, {coupling}")
+        axes.grid(visible=False)
+        axes.set_xticks(range(len(results["delays_ms"])), [f"{each:g}" for each in results["delays_ms"]])
+        axes.set_yticks(range(len(results["stiffnesses"])), [f"{each:g}" for each in results["stiffnesses"]])
+        axes.set_xlabel("round trip [ms]")
+    columns[0].set_ylabel("stiffness of the wall [N/m]")
+    legend(figure, *columns)
+
+
 def _side_by_side(figure: Figure, count: int) -> tuple[list[FigureBase], list[Axes]]:
     """Return parts of a figure, each with its own axes and room for a legend."""
     parts = list(figure.subfigures(1, count))
@@ -244,5 +273,6 @@ FIGURES: Final[tuple[tuple[str, Callable[[Figure, Row], None], tuple[float, floa
     ("force_loop", force_loop, (12.5, 5.8)),
     ("repair", repair, (12.6, 4.8)),
     ("felt", felt, (12.9, 7.4)),
+    ("stability", stability, (14.0, 4.6)),
 )
 """Benchmark, the function that draws from its results, and width and height [in]."""
