@@ -163,7 +163,7 @@ class HaplyOperator:
             self.fail(str(error), now_us)
             return
         if state is None:
-            self.lose(f"the Haply service has no Inverse3 {self.device_id or ''}".rstrip(), now_us)
+            self.fail(f"the Haply service has no Inverse3 {self.device_id or ''}".rstrip(), now_us, lost=True)
             return
         self.states += 1
         found_id, position_m, clutched = state
@@ -184,16 +184,12 @@ class HaplyOperator:
             self._offset_m = tuple([tool - at for tool, at in zip(self._tool_m, at_m, strict=True)])
         self._tool_m = tuple([at + offset for at, offset in zip(at_m, self._offset_m, strict=True)])
 
-    def fail(self, why: str, now_us: int) -> None:
-        """Let go of the tool, with zero force, until the next valid state."""
+    def fail(self, why: str, now_us: int, *, lost: bool = False) -> None:
+        """Let go of the tool, with zero force, until the next valid state: if `lost`, of any device."""
         self.faults += self.fault is None
         self.fault, self._held_us = why, None
+        self.device_id = None if lost else self.device_id
         self._tell(f"{why}; the force is zero", now_us)
-
-    def lose(self, why: str, now_us: int) -> None:
-        """Fail without a device: the next message is an inventory."""
-        self.device_id = None
-        self.fail(why, now_us)
 
     def command(self, now_us: int) -> str:
         """Return the message with the force to apply from now on."""

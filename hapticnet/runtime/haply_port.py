@@ -64,7 +64,7 @@ class HaplyPort(Watcher[NodeEvent]):
                     async with opened:
                         await self._talk(opened)
                 except (OSError, ClientError):  # a timeout is an OSError
-                    self._hand.lose(f"no Haply service at {self._address}", now_us())
+                    self._hand.fail(f"no Haply service at {self._address}", now_us(), lost=True)
                 if self._ending:
                     return
                 await asyncio.sleep(AGAIN_S)

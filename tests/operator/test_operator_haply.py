@@ -81,16 +81,12 @@ def test_the_force_is_clamped_rises_slowly_falls_at_once_and_turns_through_zero(
     assert applied(operator, (-3.0, -4.0), 1_042_000)[:2] == pytest.approx((0.24, 0.32))
 
 
-@pytest.mark.parametrize("force_n", [math.nan, math.inf])
-def test_a_force_that_is_no_number_is_zero(force_n):
-    assert applied(holding(), (force_n,), 1_000_000) == (0.0, 0.0, 0.0)
-
-
-def test_a_force_that_nobody_renews_ends():
+def test_a_force_that_is_no_number_or_that_nobody_renews_is_zero():
     operator = holding()
-    assert applied(operator, (0.1,), 1_000_000)[2] == 0.1
-    assert '"z": 0.1' in operator.command(1_050_000)
-    assert '"z": 0.1' not in operator.command(1_100_000)
+    assert applied(operator, (math.nan,), 1_000_000) == applied(operator, (math.inf,), 1_002_000) == (0.0, 0.0, 0.0)
+    assert applied(operator, (0.1,), 1_010_000)[2] == 0.1
+    assert '"z": 0.1' in operator.command(1_060_000)
+    assert '"z": 0.1' not in operator.command(1_110_000)
 
 
 def test_the_tool_does_not_jump_after_the_button_or_a_fault():
@@ -113,11 +109,8 @@ def test_the_tool_does_not_jump_after_the_button_or_a_fault():
 def test_a_position_that_is_not_three_numbers_is_refused(place):
     with pytest.raises(PeerError, match="cursor_position"):
         read_state(json.dumps(state(place)), None, "a")
-
-
-@pytest.mark.parametrize("text", ["3", "[]", "{}", '{"inverse3": 3}', '{"inverse3": [3, {"device_id": 3}]}'])
-def test_a_message_without_a_device_has_no_state(text):
-    assert read_state(text, None, "a") is None
+    for text in ("3", "[]", "{}", '{"inverse3": 3}', '{"inverse3": [3, {"device_id": 3}]}'):
+        assert read_state(text, None, "a") is None
 
 
 def test_wired_handles_and_older_services_are_understood():
