@@ -1,9 +1,10 @@
 """The interface of an operator, which moves the tool, and users' objects behind it."""
 
+import math
 from collections.abc import Callable, Sequence
 from typing import Any, Protocol
 
-from hapticnet.checks import check_integer
+from hapticnet.checks import check_above, check_integer
 from hapticnet.samples import PositionSample, Vector
 from hapticnet.user_code import attribute_of, axes_of, failure, method_of, vector_from
 
@@ -38,13 +39,14 @@ class UserOperator:
     """An object of the user's, with its results checked. Satisfies `Operator`.
 
     Its ``sample(t_us)`` returns the position [m] at a time [µs] since the start: a `PositionSample`, a number, or a
-    sequence of numbers, one for each axis. Optional: ``feel(t_us, force_n)``, called in every tick with the force held
+    sequence of numbers, one for each axis. Optional: ``max_force_n``, the largest force [N] with which it pushes the
+    hand, for a coupling; ``feel(t_us, force_n)``, called in every tick with the force held
     [N], a tuple; ``axes`` (1 to 3; default 1); ``duration_us``, after which the run ends. `what` names the object in
     messages, such as "operator own.py:Mine". Raise SettingsError if a method cannot be called this way, or an attribute
     cannot be used.
     """
 
-    __slots__ = ("_feel", "_hand_feel", "_hand_sample", "_sample", "axes", "duration_us", "hand", "what")
+    __slots__ = ("_feel", "_hand_feel", "_hand_sample", "_sample", "axes", "duration_us", "hand", "max_force_n", "what")
 
     def __init__(self, hand: HasSample, what: str = "the operator") -> None:
         self.hand = hand
@@ -61,6 +63,9 @@ class UserOperator:
             check_integer(f"{what}: duration_us", duration_us, 1, 2**62, "µs")
             duration_us = int(duration_us)
         self.duration_us = duration_us
+        self.max_force_n: float = attribute_of(hand, "max_force_n", math.inf, what)
+        if self.max_force_n != math.inf:
+            check_above(f"{what}: max_force_n", self.max_force_n, 0, 1e6, "N")
 
     def sample(self, t_us: int) -> PositionSample:
         """Return the position at a time [µs]; UserCodeError if the object raises, or returns an invalid position."""
