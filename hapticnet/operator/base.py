@@ -4,7 +4,7 @@ import math
 from collections.abc import Callable, Sequence
 from typing import Any, Protocol
 
-from hapticnet.checks import check_above, check_integer
+from hapticnet.checks import check_integer, check_parameter
 from hapticnet.samples import PositionSample, Vector
 from hapticnet.user_code import attribute_of, axes_of, failure, method_of, vector_from
 
@@ -65,7 +65,7 @@ class UserOperator:
         self.duration_us = duration_us
         self.max_force_n: float = attribute_of(hand, "max_force_n", math.inf, what)
         if self.max_force_n != math.inf:
-            check_above(f"{what}: max_force_n", self.max_force_n, 0, 1e6, "N")
+            check_parameter(f"{what}: max_force_n", self.max_force_n, 1e-6, 1e6, "N")
 
     def sample(self, t_us: int) -> PositionSample:
         """Return the position at a time [µs]; UserCodeError if the object raises, or returns an invalid position."""

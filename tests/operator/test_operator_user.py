@@ -1,5 +1,7 @@
 """Objects of the user's in the place of an operator."""
 
+import math
+
 import pytest
 
 from hapticnet.errors import SettingsError, UserCodeError
@@ -28,7 +30,7 @@ class FeelingHand(Hand):
 def test_a_class_with_sample_is_an_operator():
     hand = UserOperator(Hand())
     assert hand.sample(1_000_000) == PositionSample(1_000_000, (0.001,))
-    assert (hand.axes, hand.duration_us) == (1, None)
+    assert (hand.axes, hand.duration_us, hand.max_force_n) == (1, None, math.inf)
     hand.feel(0, (1.0,))  # a hand that does not feel is asked nothing
 
 
@@ -59,7 +61,17 @@ def test_a_wrong_position_is_an_error_of_the_user():
             UserOperator(Hand(at)).sample(0)
 
 
-@pytest.mark.parametrize("attributes", [{"duration_us": 0}, {"duration_us": "long"}, {"duration_us": 1.5}, {"feel": 3}])
+@pytest.mark.parametrize(
+    "attributes",
+    [
+        {"duration_us": 0},
+        {"duration_us": "long"},
+        {"duration_us": 1.5},
+        {"feel": 3},
+        {"max_force_n": "three"},
+        {"max_force_n": 0},
+    ],
+)
 def test_attributes_that_cannot_be_used_are_refused(attributes):
     with pytest.raises(SettingsError, match=r"^operator own.py:Hand: "):
         UserOperator(Hand(**attributes), "operator own.py:Hand")
