@@ -3,9 +3,11 @@
 import asyncio
 import os
 import re
+import socket
 import struct
 import subprocess
 import sys
+import time
 import types
 from pathlib import Path
 from unittest.mock import MagicMock
@@ -18,6 +20,8 @@ from hapticnet.control.hold import LimitSettings
 from hapticnet.device.user import UserDevice
 from hapticnet.node.fingertip import Fingertip
 from hapticnet.operator.base import UserOperator
+from hapticnet.samples import PositionSample
+from hapticnet.scene.base import UserScene
 from hapticnet.user_code import find_user_class, load_user_code
 from tests.ready import wait_until
 
@@ -157,3 +161,30 @@ def test_a_program_moves_the_tool_by_udp(capsys):
     assert re.search(r"positions come from 127\.0\.0\.1:\d+, as JSON object", err)
     assert " mm " in capsys.readouterr().out
     assert re.search(r"answers +\d{2}", out)
+
+
+def test_a_scene_in_another_program_is_asked_by_udp_and_its_force_ends_with_it(capsys):
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        probe.bind(("127.0.0.1", 0))
+        port = probe.getsockname()[1]
+    scene = UserScene(load("udp_scene.py:Remote")(port=port))
+
+    def force_n(depth_m):
+        time.sleep(0.001)
+        return scene.step(PositionSample(0, (depth_m,))).force_n[0]
+
+    wall = subprocess.Popen([sys.executable, EXAMPLES / "udp_scene.py", str(port)])
+    try:
+        wait_until(lambda: force_n(0.015) == pytest.approx(2.0))
+        wait_until(lambda: force_n(0.005) == 0.0)
+        time.sleep(0.1)  # with few positions each answer waits for the next one, which is not late
+        force_n(0.015)
+        time.sleep(0.1)
+        assert force_n(0.015) == pytest.approx(2.0)
+        capsys.readouterr()
+    finally:
+        wall.kill()
+        wall.wait()
+    wait_until(lambda: force_n(0.015) == 0.0)
+    assert capsys.readouterr().err == "the scene does not answer: the force decays\n"
+    scene.touched.close()
