@@ -22,6 +22,7 @@ from hapticnet.perception import WeberLaw
 from hapticnet_literature.least_squares import LeastSquares
 from hapticnet_literature.level_crossing import LevelCrossing
 from hapticnet_literature.merging import Merging
+from hapticnet_literature.model_mediated import ModelMediated
 from hapticnet_literature.passive import PassiveExtrapolative, PassiveInterpolative
 from hapticnet_literature.probabilistic import Probabilistic
 from hapticnet_literature.velocity_adaptive import VelocityAdaptive
@@ -57,6 +58,14 @@ made = {
     ),
     LevelCrossing: st.builds(LevelCrossing, law=laws, hysteresis=st.floats(0.0, 0.5)),
     Merging: st.builds(Merging, law=laws, window_ms=st.one_of(st.just(0.0), st.floats(0.0, 1e4)), step_n=steps),
+    ModelMediated: st.builds(
+        ModelMediated,
+        law=laws,
+        gain=st.floats(0.0, 1e4),
+        first_n_per_m=st.floats(1.0, 1e6),
+        deadband=st.floats(0.0, 1.0),
+        blend_ms=st.one_of(st.just(0.0), st.floats(0.0, 1e4)),
+    ),
     Probabilistic: st.builds(
         Probabilistic,
         law=laws,
@@ -125,7 +134,7 @@ def column(*forces_n):
     return 1000 * np.arange(len(forces_n)), np.array(forces_n)[:, np.newaxis], None
 
 
-@pytest.mark.parametrize("codec", [codec for codec in made if codec not in (Raw, Merging)])
+@pytest.mark.parametrize("codec", [codec for codec in made if codec not in (Raw, Merging, ModelMediated)])
 def test_the_applied_force_is_within_the_threshold_at_every_sample_whatever_the_clocks(codec):
     @settings(max_examples=60)
     @given(codec=made[codec], given=st.integers(1, 3).flatmap(moving))

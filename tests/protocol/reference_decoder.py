@@ -22,6 +22,7 @@ DEFAULTS = {
     "passive-interpolative": {"interval_ms": 20, "step_n": 0},
     "probabilistic": {"loss_probability": 0.1, "deviation_limit": 0.05, "step_n": 0},
     "merging": {"window_ms": 10, "step_n": 0},
+    "model-mediated": {"gain": 0.1, "first_n_per_m": 200, "deadband": 0.1, "blend_ms": 50},
 }
 
 
@@ -112,6 +113,7 @@ class Receiver:
         self.at = None
         self.velocity = [0.0] * axes
         self.ramp_from, self.ramp_us, self.delta = self.value, 0, 0.0
+        self.wall, self.surface, self.missing, self.t_moved = None, 0.0, 0.0, 0
         if codec == "level-crossing":
             share = ((1.0 - self.set["hysteresis"]) / math.sqrt(axes)) * multiplier
             self.levels = levels(share, weber_fraction, floor_n)
@@ -142,6 +144,8 @@ class Receiver:
             self.value = [math.copysign(self.levels[abs(i)], i) if i else 0.0 for i in indices]
         elif self.codec.startswith("passive"):
             self.decode_passive(t, payload)
+        elif self.codec == "model-mediated":
+            self.decode_wall(payload)
         else:
             self.value = self.read_value(payload)
         self.t0 = t
@@ -149,6 +153,8 @@ class Receiver:
     def applied(self, t, position=None):
         if self.codec.startswith("passive"):
             return self.applied_passive(t, position)
+        if self.codec == "model-mediated":
+            return self.applied_wall(t, position)
         if self.codec == "motion-predictive":
             return self.applied_in_motion(t, position)
         if self.t0 is None:
@@ -342,3 +348,39 @@ class Receiver:
             ahead += (v - b) * u
         delta = delta + ahead if ahead > 0.0 else delta
         return [b + delta * u for b, u in zip(base, d, strict=True)]
+
+    def whole(self):
+        """Return the force of the wall with nothing left to be blended in, and its stiffness."""
+        k = norm(self.wall)
+        if k == 0.0 or self.before is None:
+            return 0.0, k
+        return max(k * (inner(self.wall, self.before) / k - self.surface), 0.0), k
+
+    def wall_now(self):
+        """Return what the wall, or a held value, applies at the newest position."""
+        if self.wall is None:
+            return self.value
+        whole, k = self.whole()
+        size = whole - self.missing
+        return [limit(w * (size / k)) for w in self.wall] if size > 0.0 else [w * 0.0 for w in self.wall]
+
+    def decode_wall(self, payload):
+        if payload[:1] == b"\0" and len(payload) == 1 + 4 * self.axes:
+            self.value, self.wall, self.missing = in_range(read(payload[1:], "f", self.axes)), None, 0.0
+            return
+        if len(payload) != 5 + 4 * self.axes or payload[0] != 1:
+            raise Refused(payload)
+        surface, *wall = read(payload[1:], "f", self.axes + 1)
+        if not all(abs(w) <= 1e6 for w in wall) or not abs(surface) <= 2e15:
+            raise Refused(wall)
+        before = norm(self.wall_now())
+        self.surface, self.wall = surface, wall
+        self.missing = max(self.whole()[0] - before, 0.0)
+
+    def applied_wall(self, t, position):
+        if position is not None:
+            passed = (t - self.t_moved) * 1e-6 if self.before is not None and t > self.t_moved else 0.0
+            tau = self.set["blend_ms"] * 1e-3
+            self.missing = self.missing * (tau / (tau + passed)) if tau > 0.0 else 0.0
+            self.before, self.t_moved = position, t
+        return self.wall_now()

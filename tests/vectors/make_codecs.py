@@ -193,6 +193,13 @@ def bad_payloads(name, axes, good):
         yield b"\x03" + single * 2 + bytes.fromhex("bc003c00")
         yield b"\x03" + single * 2 + bytes.fromhex("3c0063d1")
         yield b"\x03" + single + bytes.fromhex("7fc00000" * axes + "3c003c00")
+    if name == "model-mediated":
+        yield b"\x00" + bytes.fromhex("7fc00000" * axes)
+        yield b"\x00" + bytes.fromhex("7ff0000000000000" * axes)
+        yield b"\x01" + bytes.fromhex("7fc00000") + single
+        yield b"\x01" + bytes.fromhex("58635fa9") + single
+        yield b"\x01" + bytes.fromhex("3f800000" + "49742410" * axes)
+        yield b"\x02" + bytes.fromhex("3f800000") + single
 
 
 def form_of(name, payload, axes):
@@ -204,6 +211,8 @@ def form_of(name, payload, axes):
         size = (len(payload) - 1) / axes
     if name in ("linear-predictive", "least-squares"):
         return {4: "line of counts", 8: "line of singles", 12: "line of doubles"}[size]
+    if name == "model-mediated":
+        return "wall" if payload[0] else "single"
     if name == "motion-predictive":
         kind = ("hold", "curve", "surface", "coupled")[payload[0] & 7]
         return f"{kind} of doubles" if payload[0] & 8 else f"{kind} of singles"
@@ -224,6 +233,10 @@ def document():
     for number, (law, axes) in enumerate(itertools.product(({}, FINE), (1, 2, 3))):
         cases.append(case(120 + number, "motion-predictive", {}, law, axes, samples_of=contact(axes, number)))
     cases += [case(130 + axes, "motion-predictive", {}, narrow, axes, samples_of=far(axes)) for axes in (1, 2, 3)]
+    for number, (law, axes) in enumerate(itertools.product(({}, COARSE), (1, 2, 3)), 140):
+        quick = {"gain": 20.0, "blend_ms": 0.0 if law else 50.0}
+        touched = contact(axes, number)
+        cases.append(case(number, "model-mediated", quick, law, axes, samples_of=touched))
     return {"protocol_version": 1, "note": NOTE, "cases": cases}
 
 
