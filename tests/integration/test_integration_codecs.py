@@ -1,4 +1,4 @@
-"""A codec of a user in every verb that takes one, with real processes."""
+"""A codec of a user in every verb that takes one, and a coupling of a package, with real processes."""
 
 import json
 import os
@@ -36,6 +36,15 @@ def test_a_slave_without_it_refuses_and_imports_nothing(start, slave, codec):
     master = start("master", "--connect", address, "--codec", codec, "--duration", "1")
     assert master.process.wait(30) == REFUSED
     assert "refused the session: unknown codec 'mine'; there are: raw, deadband" in master.said()
+    assert server.end() == 0
+
+
+def test_a_slave_serves_the_couplings_of_installed_packages(start, slave):
+    server, address = slave
+    options = "--coupling", "wave-variables:impedance=2", "--duration", "1", "--json"
+    master = start("master", "--connect", address, *options)
+    assert master.process.wait(30) == 0, master.said()
+    assert master.report()["coupling"]["name"] == "wave-variables"
     assert server.end() == 0
 
 
