@@ -10,7 +10,9 @@ from typer.cli import get_docs_for_click
 
 from hapticnet.cli import app
 
-OUTSIDE: Final = re.compile(r"\[([^]]*)\]\((?:\.\./)+(?:examples|extras|studies|hapticnet|firmware|tests|CONTRIBUTING)[^)]*\)")
+OUTSIDE: Final = re.compile(
+    r"\[([^]]*)\]\((?:\.\./)+(?:examples|extras|studies|hapticnet|firmware|tests|CONTRIBUTING)[^)]*\)"
+)
 """A link to a file of the repository that is not a page."""
 
 EXAMPLES: Final = re.compile("\x08\nExamples:\n((?:.+\n)*)")
