@@ -10,7 +10,7 @@ slave's end is matched, with a damper b beside the scene; a filter keeps pulses 
 with P_s = ∫F_s dt of the scene's force F_s, which is also the returning wave. P_s is sent back, and replaces what the
 master has summed of a force that was held over losses or silence.
 
-The published impedance is 0.3 N·s/m (S. Bernhard, chai3d, examples/GLFW/32-spring). A constant delay T shows the hand a
+The published impedance is 0.3 N·s/m (S. Bernhard, chai3d, examples/GLFW/32-spring). A delay T each way shows the hand a
 compliance of T/b before the scene's own.
 """
 

@@ -195,6 +195,33 @@ class Press:
         return PositionSample(t_us, (min(t_us * 1e-6, 1.0) * 0.03 - 0.005,))
 
 
+class Slow:
+    axes, duration_us = 1, 10_000_000
+
+    def sample(self, t_us):
+        return PositionSample(t_us, (0.004e-6 * t_us - 0.002,))
+
+
+@pytest.mark.usefixtures("installed")
+@pytest.mark.parametrize(
+    ("coupling", "compliance_m_per_n"),
+    [
+        ("wave-variables:impedance=3,filter_ms=0", 1 / 100 + 0.05 / 3),  # the scene's and T/b
+        ("iss", (1 + 1 / 1.7) / 100),  # x − F/µ, µ = 1.7 k
+    ],
+)
+def test_a_slow_hand_feels_the_closed_form(coupling, compliance_m_per_n):
+    wall = Tissue(name="wall", rest_position_m=0.0, stiffness_n_per_m=100.0, breach_force_n=1e6)
+    link = virtual_link(
+        scene=make_scene(SceneSettings(name="wall", tissues=(wall,))), codec="raw", coupling=coupling,
+        operator=Slow(), forward="delay=50ms", feedback="delay=50ms",
+    )  # fmt: skip
+    link.run(seconds=4.0)
+    samples = link.master_samples()
+    felt = np.polyfit(samples["position_m"][-1000:], samples["held_n"][-1000:], 1)[0]
+    assert felt == pytest.approx(1 / compliance_m_per_n, rel=0.02)
+
+
 @pytest.fixture
 def installed(monkeypatch):
     """Install the entry points of this folder's pyproject.toml."""
