@@ -14,17 +14,17 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 import numpy.typing as npt
 import record
+from codec_trials import force_codecs
 
 from hapticnet.codec import recording
 from hapticnet.codec.base import Codec
-from hapticnet.codec.registry import every_codec
 from hapticnet.codec.schemes.adaptive_predictive import AdaptivePredictive
 from hapticnet.codec.schemes.deadband import Deadband
 from hapticnet.compiled import fast_extra_installed
 from hapticnet.experiment.trials import paper_trial
 from hapticnet.perception import WeberLaw
 
-CODECS = every_codec()
+CODECS = force_codecs()
 PEERS: Final = Path(__file__).parents[1] / "peers"
 Array = npt.NDArray[np.float64]
 

@@ -16,12 +16,12 @@ from typing import Any
 
 import numpy as np
 import record
-from codec_trials import PERIOD_US, hand_force, in_step, trials
+from codec_trials import PERIOD_US, force_codecs, hand_force, in_step, trials
 
 from hapticnet.arrays import FloatArray
 from hapticnet.codec.base import Codec, Encoding
 from hapticnet.codec.recording import encode_array, encode_lossy, encode_streamed
-from hapticnet.codec.registry import every_codec, make_codec
+from hapticnet.codec.registry import make_codec
 from hapticnet.codec.schemes.deadband import Deadband
 from hapticnet.compiled import fast_extra_installed
 from hapticnet.experiment.comparison import REPAIR_US
@@ -30,7 +30,7 @@ from hapticnet.measure.metrics import error_report
 from hapticnet.perception import WeberLaw
 from hapticnet.samples import Vector
 
-CODECS = every_codec()
+CODECS = force_codecs()
 
 Row = dict[str, Any]
 

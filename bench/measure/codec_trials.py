@@ -5,12 +5,14 @@ import copyreg
 import math
 import struct
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from hapticnet.arrays import FloatArray
 from hapticnet.codec.base import Decoder, Encoder
+from hapticnet.codec.registry import every_codec
 from hapticnet.experiment.trials import Trial
 from hapticnet.perception import WeberLaw
 
@@ -19,6 +21,14 @@ SLOPES_N_PER_S = tuple(10.0**exponent for exponent in range(-9, 10))
 SETTLING_SAMPLES = 32
 
 copyreg.pickle(struct.Struct, lambda form: (struct.Struct, (form.format,)))  # so that codecs can be copied
+
+
+RENDERS_WALLS = "model-mediated"  # its error has no threshold: bench/measure/stability.py measures it
+
+
+def force_codecs() -> dict[str, type[Any]]:
+    """Return the codecs that reproduce any force, by name."""
+    return {name: codec for name, codec in every_codec().items() if name != RENDERS_WALLS}
 
 
 def trials(samples: int, rng: np.random.Generator) -> list[Trial]:

@@ -15,10 +15,11 @@ from unittest import mock
 
 import numpy as np
 import record
+from codec_trials import force_codecs
 from felt_signals import KINDS, signals
 
 from hapticnet.channel.settings import BernoulliLoss, ChannelSettings, Jitter
-from hapticnet.codec.registry import every_codec, make_codec
+from hapticnet.codec.registry import make_codec
 from hapticnet.experiment.comparison import REPAIR_US
 from hapticnet.experiment.trials import Trial
 from hapticnet.measure.energy import energy_report
@@ -28,7 +29,7 @@ from hapticnet.node.closed_loop import simulate_link
 from hapticnet.perception import WeberLaw
 from hapticnet.scene.sources import make_scene
 
-CODECS = every_codec()
+CODECS = force_codecs()
 
 Row = dict[str, Any]
 

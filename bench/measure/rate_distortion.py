@@ -13,11 +13,12 @@ from typing import Any, Final
 
 import numpy as np
 import record
+from codec_trials import force_codecs
 from rate_distortion_signals import KINESTHETIC, made_signals, recorded_signals
 
 from hapticnet.codec.base import Codec
 from hapticnet.codec.recording import encode_array
-from hapticnet.codec.registry import codec_parameters, every_codec, make_codec
+from hapticnet.codec.registry import codec_parameters, make_codec
 from hapticnet.experiment.comparison import REPAIR_US, compare
 from hapticnet.experiment.comparison import Row as ComparisonRow
 from hapticnet.experiment.trials import Trial, paper_trial
@@ -25,7 +26,7 @@ from hapticnet.measure.bound import fewest_holds
 from hapticnet.node.offline import cost_report
 from hapticnet.perception import WeberLaw
 
-CODECS = every_codec()
+CODECS = force_codecs()
 
 Row = dict[str, Any]
 
