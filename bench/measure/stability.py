@@ -91,6 +91,7 @@ def table_row(case: tuple[str, str, str, str, Sequence[float], Sequence[int], in
         "presses": len(found),
         "stable": sum(each.stable for each in found),
         "transparent": sum(each.transparent for each in found),
+        "worst_swing_m": max(each.swing_m for each in found),
         "largest_at_rest_n": max((each.largest_n for each in found if each.stable), default=0.0),
         "feedback_packets_per_s": sum(each.feedback_packets for each in found) / seconds,
         "bytes_per_s": sum(each.forward_bytes + each.feedback_bytes for each in found) / seconds,

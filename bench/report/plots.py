@@ -214,7 +214,12 @@ def repair(figure: Figure, results: Row) -> None:
 def stability(figure: Figure, results: Row) -> None:
     """Draw where an arm comes to rest over the worst link, for three codecs and couplings."""
     shown = ("deadband", "direct"), ("deadband", "energy-bounded"), ("motion-predictive", "energy-bounded")
-    looks = {"rests, feels the true stiffness": SKY, "rests, feels another stiffness": GREY, "swings": VERMILION}
+    looks = {
+        "rests, feels the true stiffness": SKY,
+        "rests, feels another stiffness": GREY,
+        "moves by less than 5 mm": ORANGE,
+        "swings": VERMILION,
+    }
     columns = figure.subplots(1, len(shown), sharey=True)
     for axes, (codec, coupling) in zip(columns, shown, strict=True):
         (row,) = (
@@ -228,7 +233,8 @@ def stability(figure: Figure, results: Row) -> None:
                 results["delays_ms"].index(round(cell["delay_ms"])),
                 results["stiffnesses"].index(cell["stiffness_n_per_m"]),
             )
-            look = list(looks)[0 if cell["transparent"] else 1 if cell["stable"] else 2]
+            rests = 0 if cell["transparent"] else 1
+            look = list(looks)[rests if cell["stable"] else 2 if cell["swing_m"] < 0.005 else 3]
             axes.bar(at[0], 0.94, 0.94, at[1] - 0.47, color=looks[look], alpha=0.8, label=look)
         axes.set_title(f"{codec}, {coupling}")
         axes.grid(visible=False)
