@@ -61,9 +61,11 @@ class Session(Joints):
     """The session with the slave beside the robot. See docs/refer/api.md for what hapticnet's own options mean."""
 
     address: str = ""
-    codec: str = "deadband"
+    codec: str = "motion-predictive"
     coupling: str = "energy-bounded"
     predicted: bool = False
+    rate_hz: float = 500.0
+    """Positions sent, and forces given to the hand, in a second."""
     key: str | None = None
     peer_key: str | None = None
     insecure: bool = False

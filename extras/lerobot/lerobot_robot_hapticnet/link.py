@@ -38,7 +38,18 @@ GIVES_M_PER_N_S: Final = (
 )
 LEAST_N: Final = 0.05
 FRESH_S: Final = 0.1  # age of a feedback from which its force decays, to zero at twice this age
-SHARED: Final = "joints", "units_per_m", "zero", "codec", "coupling", "predicted", "key", "peer_key", "insecure"
+SHARED: Final = (
+    "joints",
+    "units_per_m",
+    "zero",
+    "codec",
+    "coupling",
+    "predicted",
+    "rate_hz",
+    "key",
+    "peer_key",
+    "insecure",
+)
 HISTORY: Final = 2000  # ticks whose positions are kept
 
 
@@ -272,7 +283,8 @@ class Link:
         coupling = "direct" if hand is None else config.coupling
         master = _Master(
             address, operator=tool, codec=config.codec if config.address else "raw", coupling=coupling,
-            predicted=config.predicted, key=config.key, peer_key=config.peer_key, insecure=config.insecure,
+            predicted=config.predicted, rate_hz=config.rate_hz, key=config.key,
+            peer_key=config.peer_key, insecure=config.insecure,
             name=f"LeRobot {gethostname()}",
         )  # fmt: skip
         master.hand, master.tool, self._lost = hand, tool, None
