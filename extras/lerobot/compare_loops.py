@@ -1,6 +1,6 @@
 """Measure what README.md says: a session, beside JSON over TCP at the usual rates of a LeRobot loop.
 
-python extras/lerobot/measure.py
+python extras/lerobot/compare_loops.py
 
 All run in virtual time with the same hand and the same simulated robot, which a loop asks 60 times a second. JSON over
 TCP is what LeRobot's own remote robot does: one message with the action to the robot, one with the observation back.
