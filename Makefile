@@ -123,7 +123,7 @@ simulator: system-packages
 	$(MAKE) -C firmware firmware sim
 
 $(VENV)/installed-%: pyproject.toml examples/literature/pyproject.toml $(BIN)/python
-	$(BIN)/pip install -q --disable-pip-version-check -e '.[$*]' -e examples/literature $(if $(filter dev,$*),-e extras/mujoco)
+	$(BIN)/pip install -q --disable-pip-version-check -e '.[$*]' -e examples/literature $(if $(filter dev,$*),-e extras/mujoco -e extras/ros2)
 	@touch $@
 
 $(BIN)/python:
