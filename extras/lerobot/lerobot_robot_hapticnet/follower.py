@@ -20,7 +20,8 @@ from lerobot_robot_hapticnet.config import Joints
 
 LOG: Final = logging.getLogger("hapticnet")
 FRESH_S: Final = 0.1  # age of the robot's answer from which the force decays, to zero at twice this age
-SILENT_S: Final = 0.5  # age at which the session ends; and time without positions after which the robot lets go
+LOST_S: Final = 1.0  # age at which the session ends
+SILENT_S: Final = 0.5  # time without positions after which the robot lets go
 
 
 class Follower:
@@ -70,6 +71,7 @@ class Follower:
         self._lock = threading.Lock()
         self._clock = clock or time.monotonic
         self._origin: tuple[Sequence[float], Sequence[float]] | None = None  # [m] of the hand, and of the robot
+        self._moves = False  # whether positions come
         self._goal_m: list[float] | None = None
         self._stepped_s, self._master = -math.inf, ""
         self._force_n = [0.0] * self.axes
@@ -103,12 +105,13 @@ class Follower:
             age_s = now_s - self._seen_s
             if self._fault is not None:
                 raise UnavailableError(self._fault)
-            if age_s > SILENT_S:
-                raise UnavailableError(f"{self.name} has not answered for {SILENT_S:g} s")
+            if age_s > LOST_S:
+                raise UnavailableError(f"{self.name} has not answered for {LOST_S:g} s")
             if self._origin is None or self._goal_m is None:
                 self._origin, self._goal_m = (sample.position_m, tuple(self._at_m)), list(self._at_m)
-                self._stepped_s = now_s
-            most_m = self._speed * (now_s - self._stepped_s)
+                self._moves = False
+            most_m = self._speed * (now_s - self._stepped_s) if self._moves else 0.0
+            self._moves = True
             for axis, (hand, began, robot) in enumerate(zip(sample.position_m, *self._origin, strict=True)):
                 lacks = robot + hand - began - self._goal_m[axis]
                 self._goal_m[axis] += min(max(lacks, -most_m), most_m)
@@ -119,8 +122,8 @@ class Follower:
     def cycle(self) -> None:
         """Send the goal to the robot and read what it feels. Without new positions, let go: the goal is where it is."""
         with self._lock:
-            if self._origin is not None and self._clock() - self._stepped_s > SILENT_S:
-                self._origin, self._goal_m, self._force_n = None, list(self._at_m), [0.0] * self.axes
+            if self._moves and self._clock() - self._stepped_s > SILENT_S:
+                self._moves, self._goal_m, self._force_n = False, list(self._at_m), [0.0] * self.axes
                 LOG.warning("%s: no positions for %g s; it stays where it is", self.name, SILENT_S)
             goal_m = None if self._goal_m is None else tuple(self._goal_m)
         if goal_m is not None:
@@ -135,7 +138,7 @@ class Follower:
             raise ValueError(f"it reports {'a force' if self._forces else 'a position'} that is not finite: {observed}")
         with self._lock:
             self._at_m, self._seen_s = at_m, self._clock()
-            if self._origin is not None:
+            if self._moves:
                 self._force_n = force_n
 
     def close(self) -> None:

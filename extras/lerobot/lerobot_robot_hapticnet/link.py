@@ -37,6 +37,7 @@ GIVES_M_PER_N_S: Final = (
     0.005  # a tool that lets go yields at this speed for each newton; stable up to 1 kN/m at 300 ms
 )
 LEAST_N: Final = 0.05
+FIRST_S: Final = 2.0  # longest wait for the first answer
 FRESH_S: Final = 0.1  # age of a feedback from which its force decays, to zero at twice this age
 SHARED: Final = (
     "joints",
@@ -294,6 +295,10 @@ class Link:
             self._end()
             raise
         self.tool = tool
+        # The robot is taken at the first position that arrives, which must be 0 for actions to mean what they say.
+        end_s = time.monotonic() + FIRST_S
+        while hand is None and not self._round_trip_us() and time.monotonic() < end_s:
+            time.sleep(0.005)
 
     def _end(self) -> None:
         for each in (self._master, self._slave):
