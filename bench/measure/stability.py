@@ -4,6 +4,7 @@ Every press runs in virtual time through the real nodes; see hapticnet/experimen
 """
 
 import argparse
+import math
 import multiprocessing
 import os
 from collections.abc import Sequence
@@ -17,7 +18,7 @@ from hapticnet.channel.settings import BernoulliLoss, ChannelSettings, parse_jit
 from hapticnet.codec.registry import every_codec, parse_codec
 from hapticnet.control.couplings import COUPLINGS, all_couplings, register_installed_couplings
 from hapticnet.errors import SettingsError
-from hapticnet.experiment.stability import Setup, onset_of, outcomes
+from hapticnet.experiment.stability import Setup, outcomes, press
 from hapticnet.measure.stability import onset
 from hapticnet.node.settings import MasterSettings
 from hapticnet.operator.yielding import HANDS, GroundedSettings
@@ -47,6 +48,25 @@ LINKS: Final = {
 }
 STIFFNESSES: Final = (100.0, 200.0, 500.0, 1000.0, 2000.0)
 DELAYS_MS: Final = (0, 20, 50, 100, 200)
+
+
+def onset_of(setup: Setup, round_trip_s: float, low: float, high: float, *, within: float = 0.01) -> float:
+    """Return the stiffness [N/m] between two at which the hand begins to swing, by bisection with real nodes.
+
+    The lower bound if the hand swings there, and infinity if it does not at the upper one.
+    """
+
+    def holds(stiffness: float) -> bool:
+        return press(setup, stiffness, round_trip_s, gentle=True).stable
+
+    if not holds(low):
+        return low
+    if holds(high):
+        return math.inf
+    while high > low * (1.0 + within):
+        middle = math.sqrt(low * high)
+        low, high = (middle, high) if holds(middle) else (low, middle)
+    return math.sqrt(low * high)
 
 
 def found_onset(pair: tuple[str, int]) -> Row:

@@ -57,7 +57,7 @@ EXAMPLES: Final[dict[tuple[str, ...], tuple[str, ...]]] = {
     ("stability",): (
         "hapticnet stability",
         "hapticnet stability --hand finger,device-mass=0.1,max-force=3.3 --codec motion-predictive --loss 5%",
-        "hapticnet stability --scene phantom.toml --delays 20ms,60ms --coupling energy-bounded --plot map.png",
+        "hapticnet stability --scene example-viscous --delays 20ms,60ms --coupling energy-bounded --plot map.png",
     ),
     ("info",): ("hapticnet info run.mcap", "hapticnet info run.csv --json"),
     ("export",): (

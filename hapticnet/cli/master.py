@@ -68,7 +68,7 @@ WORDS: Final[dict[type, str]] = {
     Failed: "{0.reason}; the force goes to zero and the session is closed",
     Noticed: "the slave says: {0.reason}",
     StepsTooSlow: "{0}",
-    HeldBack: "the force is held back: over this delay, the hand would swing against the whole of it",
+    HeldBack: "the force is held back, so that the hand does not begin to swing",
     ForceFault: "platform retracted: {0.reason}",
 }  # messages for a person that need only the event
 

@@ -13,9 +13,10 @@ if TYPE_CHECKING:
     from hapticnet.experiment.stability import Outcome, Setup
 
 CURES: Final[tuple[dict[str, Any], ...]] = ({"codec": "motion-predictive"}, {"coupling": "energy-bounded"})
+WALLS: Final = "100,200,500,1000,2000"
 LEGEND: Final = """\
 stable: it swings less than 0.2 mm; settles: it swings less and less. A share, such as 70%: of the true stiffness, where
-a person feels the difference. A distance: it swings for ever, so far; thrown: by more than 100 mm."""
+a person feels the difference. A distance or a force: it swings for ever, by so much; thrown: by more than 100 mm."""
 
 
 def stability(
@@ -28,7 +29,7 @@ def stability(
     predicted: options.Predicted = False,
     rate: options.Rate = 1000.0,
     scene: Annotated[str | None, typer.Option(metavar="SCENE", help="Press this scene, instead of walls.")] = None,
-    walls: Annotated[str, typer.Option(metavar="N/M[,N/M…]", help="Stiffnesses to press.")] = "100,200,500,1000,2000",
+    walls: Annotated[str, typer.Option(metavar="N/M[,N/M…]", help="Stiffnesses to press.")] = WALLS,
     delays: Annotated[
         str, typer.Option(metavar="TIME[,TIME…]", help="Round trips of the link.")
     ] = "0ms,10ms,20ms,50ms,100ms,200ms",
@@ -56,6 +57,7 @@ def stability(
     from hapticnet.experiment.stability import Setup, draw_map, outcomes, word
     from hapticnet.experiment.style import check_format, pyplot
     from hapticnet.experiment.table import print_table
+    from hapticnet.measure.stability import NOTICED_S
     from hapticnet.node.settings import MasterSettings
     from hapticnet.operator.yielding import parse_hand
     from hapticnet.scene.sources import find_source
@@ -63,6 +65,8 @@ def stability(
     spec = parse_hand(f"hand:{hand}")
     if spec.motion or spec.axes not in (None, 1):
         raise SettingsError(f"--hand {hand}: omit axes and motion, because the hand presses on one axis")
+    if scene is not None and walls != WALLS:
+        raise SettingsError("--walls are pressed instead of a --scene; give one of them")
     name, parameters = parse_codec(codec)
     try:
         stiffnesses = [None] if scene is not None else [float(each) for each in walls.split(",")]
@@ -89,7 +93,10 @@ def stability(
     for each in outcomes(setup, cells, jobs=processes):
         found.append(each)
         console.progress(f"{len(found)} of {len(cells)} presses")
-    told = [*_verdict(setup, found, processes), *_limits(setup, found)]
+    told = _verdict(setup, found, processes)
+    latest_s = max(round_trips_s)
+    if noticed := [f"{what} from {1e3 * from_s:g} ms on" for what, from_s in NOTICED_S.items() if from_s <= latest_s]:
+        told.append(f"People begin to notice the delay of {', of '.join(noticed)}.")
     console.finish()
     if plot is not None:
         draw_map(plot, found, title=f"{hand}; {codec}; {coupling}")
@@ -116,13 +123,14 @@ def _verdict(setup: "Setup", found: "Sequence[Outcome]", jobs: int) -> list[str]
     bad = [(each.stiffness_n_per_m, each.round_trip_s) for each in found if not each.stable]
     true = sum(each.transparent for each in found)
     if not bad:
-        return [f"This hand holds all of them, and {true} of {len(found)} feel as stiff as they are."]
+        rest = "" if true == len(found) else f"; the other {len(found) - true} feel wrong"
+        return [f"This hand holds all of them, and {true} of {len(found)} feel as stiff as they are{rest}."]
     first_s = min(delay_s for _, delay_s in bad)
     softest = min(stiffness or 0.0 for stiffness, delay_s in bad if delay_s == first_s)
     alone = setup.expected(first_s)
     against = f" against {softest:g} N/m" if softest else ""
     first = (
-        f"At {1e3 * first_s:g} ms this hand swings for ever{against}. Without a codec it would against"
+        f"At {1e3 * first_s:g} ms this hand swings for ever{against}. Without codec and coupling it would against"
         f" {alone.stiffness_n_per_m:,.0f} N/m and more, at {alone.frequency_hz:.2g} Hz."
     )
     tried = []
@@ -137,23 +145,3 @@ def _verdict(setup: "Setup", found: "Sequence[Outcome]", jobs: int) -> list[str]
     if not held:
         return [first, "No other codec or coupling that was tried helps; more damping or less delay would."]
     return [first, f"With {text} it holds {held} of these {len(bad)}, and {right} feel as stiff as they are."]
-
-
-def _limits(setup: "Setup", found: "Sequence[Outcome]") -> list[str]:
-    """Return what is known of delays and stiffnesses without a trial."""
-    from hapticnet.measure.stability import NOTICED_S, display_limits
-
-    latest_s = max(each.round_trip_s for each in found)
-    noticed = [f"{what} from {1e3 * from_s:g} ms on" for what, from_s in NOTICED_S.items() if from_s <= latest_s]
-    told = [f"People begin to notice the delay of {', of '.join(noticed)}."] if noticed else []
-    device = setup.device
-    stiffest, cause = display_limits(
-        damping=setup.hand.damping_n_s_per_m + device.damping_n_s_per_m,
-        period_s=max(1.0 / setup.master.rate_hz, 1.0 / device.rate_hz),
-        friction_n=device.friction_n,
-        resolution_m=device.resolution_m,
-        max_force_n=device.max_force_n,
-    )[0]
-    if any((each.stiffness_n_per_m or 0.0) > stiffest for each in found):
-        told.append(f"Even without a delay, not more than {stiffest:,.0f} N/m can be relied on ({cause}).")
-    return told

@@ -10,25 +10,16 @@ import dataclasses
 from collections.abc import Mapping
 from dataclasses import dataclass
 from importlib.metadata import entry_points
-from typing import Any, ClassVar, Final, NamedTuple, Protocol
+from typing import Any, ClassVar, Final, Protocol
 
 from hapticnet.checks import meant
 from hapticnet.control.energy_bound import EnergyBound
+from hapticnet.control.energy_bound import Port as Port
 from hapticnet.errors import HapticnetError, SettingsError, in_words
-from hapticnet.perception import WeberLaw
 from hapticnet.samples import Vector
 from hapticnet.user_code import load_user_code
 
 ENTRY_POINT_GROUP: Final = "hapticnet.couplings"
-
-
-class Port(NamedTuple):
-    """Where a coupling acts."""
-
-    axes: int
-    law: WeberLaw  # the JND of the session
-    period_us: int  # time between two ticks of the master [µs]
-    max_force_n: float  # largest force [N] that the device renders
 
 
 class MasterEnd(Protocol):
@@ -129,7 +120,7 @@ class EnergyBounded(OnePort):
     damping
         Least damping of hand and device [N·s/m]; the hand absorbs what this makes of its motion.
     allowance_mj
-        Energy [mJ] that a contact may give before the hand has put any in.
+        Energy [mJ] that a contact may give before the hand has put any in; never more than a force of 2 N needs.
     """
 
     name: ClassVar[str] = "energy-bounded"
@@ -138,7 +129,7 @@ class EnergyBounded(OnePort):
 
     def master(self, port: Port) -> MasterEnd:
         """Return a new account of the energy at the master's port."""
-        return EnergyBound(port.law, port.period_us, port.max_force_n, self.damping, 1e-3 * self.allowance_mj)
+        return EnergyBound(port, self.damping, 1e-3 * self.allowance_mj)
 
 
 COUPLINGS: Final[Mapping[str, type[Any]]] = {made.name: made for made in (Direct, EnergyBounded)}
@@ -158,9 +149,9 @@ def register_installed_couplings() -> list[str]:
         if point.name not in COUPLINGS and point.name not in _installed:
             try:
                 made: Any = load_user_code(point.value, "coupling")
-                made()
+                parameters_of(made())
             except Exception as error:  # a user's code may raise anything
-                faults.append(in_words(error))
+                faults.append(f"coupling {point.name}: {in_words(error)}")
             else:
                 _installed[point.name] = made
     return faults
@@ -198,14 +189,18 @@ def parse_coupling(text: str) -> Coupling:
     name, _, rest = text.partition(":")
     name = name.strip()
     if name not in all_couplings():
-        register_installed_couplings()
+        faults = register_installed_couplings()
+        if faults and name not in all_couplings():
+            raise SettingsError(f"unknown coupling {name!r}; could not load: {'; '.join(faults)}")
     parameters: dict[str, float] = {}
     for part in rest.split(",") if rest else ():
         key, _, value = part.partition("=")
         try:
+            if key.strip() in parameters:
+                raise ValueError
             parameters[key.strip()] = float(value)
         except ValueError:
-            raise SettingsError(f"coupling {text!r}: {part!r} must be KEY=NUMBER, as in damping=2") from None
+            raise SettingsError(f"coupling {text!r}: {part!r} must be KEY=NUMBER, each key once") from None
     return make_coupling(name, parameters)
 
 

@@ -19,12 +19,13 @@ What fills the account
   then it is that of a confirmed law of the position, which is passive. A correction is a change that is larger than
   half a JND and than K·|dx|.
 
-It never holds more than the force could have stored since the contact began (F times depth) and the allowance, so
-that the energy which a breach or a damper absorbs does not pay for an oscillation later.
+Unconfirmed, it never holds more than the force could have stored since the contact began (F times depth) and the
+allowance, so that the energy which a breach or a damper absorbs does not pay for an oscillation later.
 """
 
 import math
-from typing import Final
+from collections.abc import Callable
+from typing import Final, NamedTuple
 
 from hapticnet.checks import check_above, check_parameter
 from hapticnet.perception import WeberLaw
@@ -58,16 +59,26 @@ TOLERANCE: Final = 1.2  # of the stiffness seen, which is an estimate, over K
 LARGEST_DEPTH_M: Final = 0.1  # deepest contact [m] of a force that counts as that of a spring
 
 
+class Port(NamedTuple):
+    """Where a coupling acts."""
+
+    axes: int
+    law: WeberLaw  # the JND of the session
+    period_us: int  # time between two ticks of the master [µs]
+    max_force_n: float = math.inf  # largest force [N] that the device renders
+    scale: float = 1.0  # movement of the tool over that of the hand
+    applied_n: Callable[[], Vector] | None = None  # the force [N] of the last tick, where the device knows it
+
+
 class EnergyBound:
     """The account of one port. Satisfies `couplings.MasterEnd`."""
 
-    def __init__(
-        self, law: WeberLaw, period_us: int, max_force_n: float, damping_n_s_per_m: float, allowance_j: float
-    ) -> None:
+    def __init__(self, port: Port, damping_n_s_per_m: float, allowance_j: float) -> None:
         check_above("damping of hand and device", damping_n_s_per_m, 0.0, 1e4, "N·s/m")
         check_parameter("allowance of a contact", allowance_j, 0.0, 1.0, "J")
-        self._law, self._max_force_n, self._damping = law, max_force_n, damping_n_s_per_m
-        self._stiffest = 2e6 * damping_n_s_per_m / period_us  # [N/m]
+        self.law, self._max_force_n, self._damping = port.law, port.max_force_n, damping_n_s_per_m
+        self._scale, self._of_device_n = port.scale, port.applied_n
+        self._stiffest = 2e6 * damping_n_s_per_m / port.period_us  # [N/m]
         self.energy_j = self._allowance_j = min(allowance_j, 0.5 * FIRST_N * FIRST_N / self._stiffest)
         self._applied_n: Vector = ()
         self._asked_n: Vector = ()
@@ -92,7 +103,11 @@ class EnergyBound:
     def limit(self, force_n: Vector, position_m: Vector, now_us: int, *, follows: bool) -> Vector:
         """Return the force [N] to apply until the next tick. See `couplings.MasterEnd.limit`."""
         self._ticks += 1
+        if self._scale != 1.0:  # energy is that of the hand's own movement
+            position_m = times(position_m, 1.0 / self._scale)
         size_n, before_m = magnitude(force_n), self._position_m
+        if not math.isfinite(size_n):
+            return (0.0,) * len(force_n)
         if size_n > self._max_force_n:
             force_n, size_n = times(force_n, self._max_force_n / size_n), self._max_force_n
             follows = False  # what the device renders is not the law of the tissue any more
@@ -102,7 +117,7 @@ class EnergyBound:
             move_m, elapsed_s = minus(position_m, before_m), 1e-6 * (now_us - self._now_us)
             square_m2 = dot(move_m, move_m)
             elapsed_s = elapsed_s if 0.0 < elapsed_s <= LONGEST_S else 0.0
-            work_j = dot(self._applied_n, move_m)
+            work_j = dot(self._applied_n if self._of_device_n is None else self._of_device_n(), move_m)
             self.energy_j += work_j
             if elapsed_s:
                 # Smoothed, because each step of a position sensor would look like a fast motion.
@@ -116,10 +131,10 @@ class EnergyBound:
                     self.energy_j += max(self._allowance_j - self.energy_j, 0.0) * elapsed_s / REFILLED_IN_S
             self.energy_j = max(self.energy_j, 0.0)
             self._watch(force_n, size_n, move_m, square_m2, now_us)
-            if size_n <= self._law.floor_n:
+            if size_n <= self.law.floor_n:
                 self._began_m, self._squares_m2, self._product_j = position_m, 0.0, 0.0
             stored_j = max(dot(force_n, minus(position_m, self._began_m)), 0.0) + self._allowance_j
-            if follows and now_us - self._confirmed_us > CONFIRMED_US and size_n > self._law.floor_n:
+            if follows and now_us - self._confirmed_us > CONFIRMED_US and size_n > self.law.floor_n:
                 missing_j = self._confirmed_j(force_n, size_n, position_m) - self.energy_j
                 if work_j >= 0.0:  # not while the force drives the hand
                     self.energy_j += max(missing_j, 0.0) * elapsed_s / FILLED_IN_S
@@ -141,7 +156,7 @@ class EnergyBound:
     def _watch(self, force_n: Vector, size_n: float, move_m: Vector, square_m2: float, now_us: int) -> None:
         """Note whether the force has followed the position, and how stiffly."""
         change_n = minus(force_n, self._asked_n)
-        if magnitude(change_n) > self._stiffest * math.sqrt(square_m2) + 0.5 * self._law.jnd_n(size_n):
+        if magnitude(change_n) > self._stiffest * math.sqrt(square_m2) + 0.5 * self.law.jnd_n(size_n):
             self._confirmed_us = now_us
             self._squares_m2 = self._product_j = 0.0
         else:

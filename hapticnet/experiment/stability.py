@@ -180,13 +180,13 @@ class _Watched:
         self.feel = hand.feel
         self.t_us: list[int] = []
         self.at_m: list[float] = []
-        self.applied_n: list[float] = []
+        self.pushed_n: list[float] = []
 
     def sample(self, t_us: int) -> PositionSample:
         sampled = self._hand.sample(t_us)
         self.t_us.append(t_us)
         self.at_m.append(sampled.position_m[0])
-        self.applied_n.append(self._hand.applied_n[0])
+        self.pushed_n.append(self._hand.applied_n[0])
         return sampled
 
 
@@ -217,7 +217,7 @@ def press(setup: Setup, stiffness_n_per_m: float | None, round_trip_s: float, *,
     context = link.slave.contexts[-1]
     slave, master = (each.recording.table() if each.recording is not None else {} for each in (context, link.master))
     # What the hand says at a tick was applied since the tick before it.
-    t_us, at_m, applied_n = np.array(hand.t_us[:-1]), np.array(hand.at_m[:-1]), np.array(hand.applied_n[1:])
+    t_us, at_m, applied_n = np.array(hand.t_us[:-1]), np.array(hand.at_m[:-1]), np.array(hand.pushed_n[1:])
     t_s, law = 1e-6 * t_us, setup.master.law
     scene = setup.scene_of(stiffness_n_per_m)
     true_n = np.array([
@@ -305,25 +305,6 @@ def _rms(values: FloatArray) -> float:
     return float(np.sqrt(np.mean(np.square(values))))
 
 
-def onset_of(setup: Setup, round_trip_s: float, low: float, high: float, *, within: float = 0.01) -> float:
-    """Return the stiffness [N/m] between two at which the hand begins to swing, by bisection with real nodes.
-
-    The lower bound if the hand swings there, and infinity if it does not at the upper one.
-    """
-
-    def holds(stiffness: float) -> bool:
-        return press(setup, stiffness, round_trip_s, gentle=True).stable
-
-    if not holds(low):
-        return low
-    if holds(high):
-        return math.inf
-    while high > low * (1.0 + within):
-        middle = math.sqrt(low * high)
-        low, high = (middle, high) if holds(middle) else (low, middle)
-    return math.sqrt(low * high)
-
-
 def outcomes(setup: Setup, cells: Sequence[Cell], *, jobs: int = 1) -> Iterator[Outcome]:
     """Yield the outcome of each press; they do not depend on the number of processes."""
     with workers(min(jobs, len(cells)), setup) as run:
@@ -336,6 +317,8 @@ def _press(setup: Setup, cell: Cell) -> Outcome:
 
 def word(found: Outcome) -> str:
     """Return what happened in one or two words: for a table, and for a map."""
+    if not found.stable and found.swing_m <= SMALL_SWING_M:
+        return f"{found.swing_n:.2g} N"
     if not found.stable:
         return f"{1e3 * found.swing_m:.3g} mm" if found.swing_m < THROWN_M else "thrown"
     share = found.stiffness_share

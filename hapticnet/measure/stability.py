@@ -20,6 +20,7 @@ STIFFNESS_JND: Final = 0.225
 """Share by which a stiffness must differ to be told apart; the usual measure of a transparent spring."""
 
 _TINY: Final = 1e-12
+MOST_CROSSINGS: Final = 100
 
 
 class Onset(NamedTuple):
@@ -44,9 +45,7 @@ def onset(mass_kg: float, damping: float, stiffness: float, delay_s: float) -> O
     def size(omega: float) -> float:
         return math.hypot(stiffness - mass_kg * omega * omega, damping * omega)
 
-    # The needed stiffness rises above the resonance, so the first crossing above it is the last that counts.
-    resonance = math.sqrt(max(stiffness / mass_kg - 0.5 * (damping / mass_kg) ** 2, 0.0))
-    omega = _softest(phase, size, resonance + 2.0 * math.pi / delay_s)
+    omega = _softest(phase, size, _resonance(mass_kg, damping, stiffness) + 2.0 * math.pi / delay_s)
     return Onset(size(omega), omega / (2.0 * math.pi))
 
 
@@ -56,7 +55,7 @@ def sampled_onset(mass_kg: float, damping: float, stiffness: float, step_s: floa
     The force of the position of tick k acts from tick ``k + late_ticks`` on.
     """
     xx, xv, xf, vx, vv, vf = exact_step(mass_kg, damping, stiffness, step_s)
-    total, product = xx + vv, xx * vv - xv * vx
+    total, product = xx + vv, min(xx * vv - xv * vx, 1.0)  # above 1 only by rounding
     zero = vv - xv * vf / xf
 
     def phase(theta: float) -> float:
@@ -67,8 +66,14 @@ def sampled_onset(mass_kg: float, damping: float, stiffness: float, step_s: floa
         z = complex(math.cos(theta), math.sin(theta))
         return abs((z - total) * z + product) / (xf * abs(z - zero))
 
-    theta = _softest(phase, size, math.pi)
+    above = _resonance(mass_kg, damping, stiffness) * step_s + 4.0 * math.pi / (late_ticks + 1)
+    theta = _softest(phase, size, min(above, math.pi))
     return Onset(size(theta), theta / (2.0 * math.pi * step_s))
+
+
+def _resonance(mass_kg: float, damping: float, stiffness: float) -> float:
+    """Return the frequency [rad/s] above which the needed stiffness rises: the first crossing above it is the last."""
+    return math.sqrt(max(stiffness / mass_kg - 0.5 * (damping / mass_kg) ** 2, 0.0))
 
 
 def _softest(phase: Callable[[float], float], size: Callable[[float], float], highest: float) -> float:
@@ -77,28 +82,11 @@ def _softest(phase: Callable[[float], float], size: Callable[[float], float], hi
     There its phase, which rises from 0, is an odd multiple of π.
     """
     found = []
-    for number in range(max(1, math.floor(0.5 * phase(highest) / math.pi + 0.5 + _TINY))):
+    crossings = max(1, math.floor(0.5 * phase(highest) / math.pi + 0.5 + _TINY))
+    for number in range(max(0, crossings - MOST_CROSSINGS), crossings):  # the last are nearest to the resonance
         wanted, low, high = (2 * number + 1) * math.pi, 0.0, highest
         while high - low > _TINY * high:
             middle = 0.5 * (low + high)
             low, high = (middle, high) if phase(middle) < wanted else (low, middle)
         found.append(high)
     return min(found, key=size)
-
-
-def display_limits(
-    *, damping: float, period_s: float, friction_n: float = 0.0, resolution_m: float = 0.0,
-    max_force_n: float = math.inf, depth_m: float = 1e-3,
-) -> list[tuple[float, str]]:  # fmt: skip
-    """Return the stiffest springs [N/m] that can be displayed and what limits each, the softest first, without a delay.
-
-    A spring that is sampled every `period_s` [s] and held creates energy that the damping [N·s/m] of hand and device
-    must absorb (Colgate and Schenkel 1997): ``b > K·T/2``. A position that is known in steps creates energy that
-    friction, if it is known, must absorb (Abbott and Okamura 2005; Diolaiti et al. 2006): ``f ≥ K·q/2``. No force
-    exceeds the largest. And over a delay nothing of a surface is felt before the hand is its speed times a round trip
-    inside.
-    """
-    limits = [(2.0 * damping / period_s, "damping and rate"), (max_force_n / depth_m, "largest force")]
-    if resolution_m and friction_n:
-        limits.append((2.0 * friction_n / resolution_m, "friction and resolution"))
-    return sorted(limits)

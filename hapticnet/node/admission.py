@@ -12,8 +12,8 @@ from typing import Final, TypeAlias
 from hapticnet.checks import axes_of
 from hapticnet.codec.base import Codec
 from hapticnet.codec.registry import all_codecs, make_codec, with_share
-from hapticnet.control.couplings import Coupling, all_couplings, make_coupling
-from hapticnet.errors import HapticnetError, SampleError, SettingsError
+from hapticnet.control.couplings import Coupling, Port, SlaveEnd, all_couplings, make_coupling
+from hapticnet.errors import HapticnetError, SampleError, SettingsError, in_words
 from hapticnet.node.settings import SlaveSettings
 from hapticnet.node.slave_context import SlaveContext
 from hapticnet.node.step_times import StepTimes
@@ -343,7 +343,7 @@ class Admission:
             identity,
             scene,
             codec,
-            coupling,
+            None if coupling is None else _slave_end(coupling, Port(scene.axes, codec.law, round(1e6 / rate_hz))),
             seats=most,
             listed=None if entry is None else entry.name,
             settings=self._settings,
@@ -384,6 +384,14 @@ def _coupling(request: Request) -> Coupling | None:
     except SettingsError as error:
         raise RefusalError(Code.PARAMETER if name in all_couplings() else Code.CODEC, str(error)) from error
     return coupling if coupling.two_port else None
+
+
+def _slave_end(coupling: Coupling, port: Port) -> tuple[SlaveEnd, int, int]:
+    """Return the end of a coupling, and the lengths of its data before a position and a force [B]."""
+    try:
+        return coupling.slave(port), coupling.forward_bytes(port.axes), coupling.feedback_bytes(port.axes)
+    except Exception as error:  # a user's coupling may raise anything
+        raise RefusalError(Code.FAILED, f"the coupling failed: {in_words(error)}") from error
 
 
 def _codec(request: Request) -> Codec:

@@ -33,7 +33,8 @@ class _Stream:
         end: MasterEnd | None = None,
         data_bytes: int = 0,
     ) -> None:
-        self._end, self._data_bytes = end, data_bytes  # of a coupling: its end, and its data before each payload
+        self.end, self._data_bytes = end, data_bytes  # of a coupling: its end, and its data before each payload
+        self._needs_position = codec.needs_position
         # Between lines the slave steps where the hand may not be: what it judges there is bounded in any case.
         self.decoder: Decoder = receiver(codec, axes, predicted=predicted and not on_a_line)
         self.announced: AnnouncedDecoder | None = None
@@ -64,6 +65,11 @@ class _Stream:
             self._asked, self._predicts = decoder, isinstance(decoder, Predictive)
         return self._predicts
 
+    @property
+    def follows(self) -> bool:
+        """Whether the force is a function of the newest position, and not of an earlier one."""
+        return self.on_model or (self._needs_position and self.predicts)
+
     def move(self, now_us: int, position_m: Vector) -> int | None:
         """Move the tool; return the pierced layers of an announced model, or None if nothing is announced."""
         if self.announced is None:
@@ -78,8 +84,8 @@ class _Stream:
             return False
         if self._data_bytes:
             data, event = event.payload[: self._data_bytes], replace(event, payload=event.payload[self._data_bytes :])
-            if self._end is not None:
-                self._end.incoming(data)
+            if self.end is not None:
+                self.end.incoming(data)
         self.decoder.decode(event.t_us, event.payload)
         if self.line_decoder is not None:
             self.line_decoder.decode(event.t_us, event.payload)
@@ -138,6 +144,16 @@ class AppliedForce:
     def on_model(self) -> bool:
         """Whether the force is that of an announced model."""
         return self._stream.on_model
+
+    @property
+    def follows(self) -> bool:
+        """Whether the applied force is a function of the newest position, and not of an earlier one."""
+        return self._stream.follows
+
+    @property
+    def end(self) -> MasterEnd | None:
+        """The end of the coupling to whose session the applied force belongs."""
+        return self._stream.end
 
     def begin(
         self,

@@ -9,6 +9,7 @@ from hapticnet.checks import axes_of
 from hapticnet.codec.base import Codec
 from hapticnet.codec.registry import codec_parameters, make_codec, with_share
 from hapticnet.control.couplings import Port, parameters_of, parse_coupling
+from hapticnet.control.energy_bound import EnergyBound
 from hapticnet.device.base import Device
 from hapticnet.device.user import UserActuator
 from hapticnet.errors import PeerError, SampleError, in_words
@@ -39,6 +40,7 @@ from hapticnet.protocol.states import (
 from hapticnet.protocol.stats import Distribution
 from hapticnet.samples import Vector, checked_vector
 from hapticnet.scene.ahead import stiffest_at
+from hapticnet.vectors import magnitude, times
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -94,7 +96,7 @@ class MasterNode:
         self._codec_time = self.times.of_codec(self._codec)
         fingertip = self._rendering.with_loop
         self._largest_n = min(self._rendering.largest_n, getattr(operator, "max_force_n", math.inf))
-        self._end = self._new_end(settings.law)
+        self._end = self._next_end = self._new_end(settings.law)  # of the forces that are applied, and of the positions
         self._held_back, self._told_us = 0, -HELD_BACK_EVERY_US
         self._lead_us = fingertip.lead_us if fingertip is not None and self._end is None else None
         self._first_touch = FirstTouch(fingertip) if settings.first_touch and fingertip is not None else None
@@ -138,7 +140,10 @@ class MasterNode:
         return self._rendering.with_loop.largest_n if self._rendering.with_loop is not None else None
 
     def _new_end(self, law: WeberLaw) -> "MasterEnd | None":
-        return self._coupling.master(Port(self._operator.axes, law, self.period_us, self._largest_n))
+        of = self._operator
+        applied_n = (lambda: of.applied_n) if hasattr(of, "applied_n") else None
+        scale = getattr(of, "scale", 1.0)
+        return self._coupling.master(Port(of.axes, law, self.period_us, self._largest_n, scale, applied_n))
 
     @property
     def device_status(self) -> str | None:
@@ -175,6 +180,8 @@ class MasterNode:
             self._digest_events(now_us)
         is_due = not session.streaming or self._position_is_due(now_us)
         self.positions_due += is_due
+        if self._script_start_us is not None and not session.streaming and self._feel is not None:
+            self._let_feel(self._feel, now_us)
         if self._script_start_us is not None and session.streaming:
             if self.paused is None:
                 self._ask_operator(now_us - self._script_start_us, now_us)
@@ -201,7 +208,7 @@ class MasterNode:
         applied, forward = self._applied, self._forward
         try:
             if not forward.is_sparse:
-                data = self._end.outgoing(position_m, now_us) if self._end is not None else b""
+                data = self._next_end.outgoing(position_m, now_us) if self._next_end is not None else b""
                 forward.send_every(now_us, position_m, state, data)
                 return
             difference = applied.difference(now_us, self.position_period_us, position_m)
@@ -213,7 +220,7 @@ class MasterNode:
     def check(self, now_us: int, waited_us: Clock = no_wait) -> None:
         """Check a few times a second that operator, device and codec keep up; `waited_us`: see `StepTimes.check`."""
         self._events.extend(self.times.check(now_us, waited_us) or ())
-        if self._end is not None:
+        if self._end is not None and self.failure is None:
             since, self._held_back = self._end.held_back - self._held_back, self._end.held_back
             if since and now_us - self._told_us > HELD_BACK_EVERY_US:
                 self._events.append(HeldBack())
@@ -257,8 +264,13 @@ class MasterNode:
             held_n = self.held_force_n(now_us)
         if self._end is not None and self.position_m is not None and self.failure is None:
             try:
-                follows = self.on_model or self._codec.needs_position
-                held_n = self._end.limit(held_n, self.position_m, now_us, follows=follows)
+                limited_n = self._end.limit(held_n, self.position_m, now_us, follows=self._applied.follows)
+                held_n = checked_vector(limited_n, "its force")
+                if len(held_n) != self.axes:
+                    raise SampleError(f"its force has {axes_of(len(held_n))}; the operator has {self.axes}")
+                size_n = magnitude(held_n)
+                if size_n > self._largest_n:
+                    held_n = times(held_n, self._largest_n / size_n)
             except Exception as error:  # a user's coupling may raise anything
                 self._fail(f"the coupling failed: {in_words(error)}", now_us)
                 held_n = self._zero_n
@@ -356,7 +368,7 @@ class MasterNode:
             "sealed": self.session.sealed,
             "connections": self.connections,
             **self._rendering.report(),
-            "coupling": {"name": self._coupling.name, **(self._end.report() if self._end is not None else {})},
+            "coupling": {"name": self._coupling.name, **self._end_report()},
             "round_trip": self.session.round_trip.report(),
             "age_of_applied_force": self.age.report(),
             "ticks_on_model": self._applied.ticks_on_model,
@@ -365,6 +377,12 @@ class MasterNode:
             "sent": self.session.sent.report(),
             "received": self.session.received.report(),
         }
+
+    def _end_report(self) -> dict[str, Any]:
+        try:
+            return dict(self._end.report()) if self._end is not None else {}
+        except Exception as error:  # a user's coupling may raise anything
+            return {"failed": in_words(error)}
 
     def _request(self, codec: Codec) -> Request:
         return Request(
@@ -379,6 +397,13 @@ class MasterNode:
             predicted=self.settings.predicted,
             coupling=(self._coupling.name, parameters_of(self._coupling)) if self._coupling.two_port else None,
         )
+
+    def _let_feel(self, feel: "Callable[[int, Vector], None]", now_us: int) -> None:
+        """Let an operator that is not asked for positions feel the force, which decays to zero without a session."""
+        try:
+            feel(now_us - (self._script_start_us or now_us), self.held_n)
+        except Exception as error:  # a user's operator may raise anything
+            self._fail(f"the operator failed: {in_words(error)}", now_us)
 
     def _ask_operator(self, t_us: int, now_us: int) -> None:
         """Let the operator feel the held force, and ask it for its position."""
@@ -411,6 +436,8 @@ class MasterNode:
         if applied is None:
             return
         self.session.applied(applied.event)
+        if applied.begins:  # until then, the forces of the old session belong to its own end
+            self._end, self._held_back = self._next_end, 0
         if applied.begins and self._granted is not None:
             self._events += self.in_force.begin(self._granted, now_us)
 
@@ -448,16 +475,19 @@ class MasterNode:
             codec = with_share(self._codec, share) if share else self._codec
             stiffest = stiffest_at(event.grant.rate_hz) if event.grant.announced else None
             if self._coupling.two_port:
-                self._end, self._held_back = self._new_end(self._codec.law), 0
+                self._next_end = self._new_end(self._codec.law)
+            elif isinstance(self._end, EnergyBound):
+                self._end.law = self._codec.law
             begins = self._applied.begin(
                 codec,
                 stiffest,
                 on_a_line=share > 0.0,
                 predicted=event.grant.predicted,
-                end=self._end,
+                end=self._next_end,
                 data_bytes=self._coupling.feedback_bytes(self.axes),
             )
             if begins:
+                self._end, self._held_back = self._next_end, 0
                 self._events += self.in_force.begin(self._granted, now_us)
             self._forward.begin(self._codec.law, share)
             if self._script_start_us is None:
@@ -468,5 +498,8 @@ class MasterNode:
             self._next_codec = self._codec
         elif isinstance(event, Ended):
             self.end_reason, self.refused = event.reason, event.refused
+            if self._feel is not None and self._script_start_us is not None:
+                self.held_n = self._zero_n
+                self._let_feel(self._feel, now_us)
             if event.code is Code.FAILED and not event.refused:
                 self.failure = event.reason

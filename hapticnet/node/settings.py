@@ -63,6 +63,8 @@ class MasterSettings:
                 f" matter it must be at least {LEAST_AGE_ON_A_LINE_US / 1e6:g} s, because they are up to 0.15 s old"
             )
         RATE_HZ.check(self.rate_hz)
+        if not isinstance(self.coupling, str):
+            raise SettingsError(f"coupling is {self.coupling!r}; it must be text, such as 'energy-bounded'")
         if parse_coupling(self.coupling).two_port and (self.positions == "line" or self.announced or self.predicted):
             raise SettingsError(
                 f"coupling {self.coupling!r} answers each position at the slave; it cannot be combined with"

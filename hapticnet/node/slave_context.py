@@ -1,15 +1,15 @@
 """One master's context at the slave: session, scene, codec and report."""
 
-import math
 from collections.abc import Hashable
 from dataclasses import asdict
 from typing import Any, Final, TypeAlias
 
+from hapticnet.checks import axes_of
 from hapticnet.codec.base import Codec
 from hapticnet.codec.positions import PromisedLine, unpack_line
 from hapticnet.codec.registry import codec_parameters
 from hapticnet.codec.schemes.raw import Raw
-from hapticnet.control.couplings import Coupling, Port, SlaveEnd
+from hapticnet.control.couplings import SlaveEnd
 from hapticnet.errors import PeerError, SampleError, UserCodeError, in_words
 from hapticnet.measure.running_error import RunningError
 from hapticnet.node.decoders import read_state
@@ -22,7 +22,7 @@ from hapticnet.node.step_times import NOT_TIMED, StepTime, StepTimes
 from hapticnet.protocol.messages import Grant
 from hapticnet.protocol.slave_session import SlaveSession
 from hapticnet.protocol.wire import Datagram, Kind
-from hapticnet.samples import PositionSample, Vector, new_tuple
+from hapticnet.samples import PositionSample, Vector, checked_vector, new_tuple
 from hapticnet.scene.base import Touchable, bound_method, breaches_of
 from hapticnet.vectors import along
 
@@ -52,7 +52,7 @@ class SlaveContext:
         identity: Hashable,
         scene: Touchable,
         codec: Codec,
-        coupling: Coupling | None = None,
+        coupling: tuple[SlaveEnd, int, int] | None = None,
         *,
         seats: int,
         listed: str | None,
@@ -94,10 +94,10 @@ class SlaveContext:
         self._pending: PositionSample | None = None
         self.reckoning = DeadReckoning(round(1e6 / grant.rate_hz)) if grant.position_share else None
         self._end: SlaveEnd | None = None  # of the coupling
-        self._data_bytes, self._data = 0, b""  # data of the coupling before a position, and that of the newest one
+        # data of the coupling: length before a position and before a force, and that of the newest position
+        self._data_bytes, self._answer_bytes, self._data = 0, 0, b""
         if coupling is not None:
-            self._data_bytes = coupling.forward_bytes(scene.axes)
-            self._end = coupling.slave(Port(scene.axes, codec.law, round(1e6 / grant.rate_hz), math.inf))
+            self._end, self._data_bytes, self._answer_bytes = coupling
         self._knows_bound = False
         self.between = 0
         self._answered: _Answered | None = None
@@ -205,11 +205,19 @@ class SlaveContext:
     def _answer_coupled(self, end: SlaveEnd, sample: PositionSample, now_us: int) -> bytes | None:
         """Move the scene to where the coupling puts the tool; return its answer. SampleError if its data is bad."""
         try:
-            tool_m = end.command(sample.position_m, sample.t_us, self._data)
+            tool_m = checked_vector(end.command(sample.position_m, sample.t_us, self._data), "its position")
             force_n = self._step(PositionSample(sample.t_us, tool_m))
-            coded_n, self.feedback.data = end.answer(force_n)
+            coded_n, data = end.answer(force_n)
+            coded_n = checked_vector(coded_n, "its force")
+            if len(coded_n) != self.scene.axes or type(data) is not bytes or len(data) != self._answer_bytes:
+                raise ValueError(f"answer returned {axes_of(len(coded_n))} and {len(data)} bytes")
         except PeerError as error:
             raise SampleError(str(error)) from error
+        except SceneFailedError:
+            raise
+        except Exception as error:  # a user's coupling may raise anything
+            raise SceneFailedError(f"the coupling failed: {in_words(error)}") from error
+        self.feedback.data = data
         return self._answer(sample, force_n, now_us, coded_n)
 
     def step_between(self, now_us: int) -> bytes | None:
@@ -278,7 +286,7 @@ class SlaveContext:
                 self._fail(UserCodeError(f"its copy failed: {self._ahead.fault}"))
         self.steps += 1
         self._codec_time.begin()
-        payload, datagram = feedback.answer(sample, coded_n or force_n, now_us, predicted)
+        payload, datagram = feedback.answer(sample, force_n if coded_n is None else coded_n, now_us, predicted)
         self._codec_time.end(self._period_us)
         self._stepped_us = now_us
         if coded_n is None:

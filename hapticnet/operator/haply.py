@@ -137,6 +137,16 @@ class HaplyOperator:
         self._lines: deque[str] = deque()
         self._told_us: dict[str, int] = {}
 
+    @property
+    def applied_n(self) -> Vector:
+        """The force [N] last sent to the device."""
+        return self._applied_n
+
+    @property
+    def scale(self) -> float:
+        """Movement of the tool over that of the device."""
+        return self.settings.scale
+
     def sample(self, t_us: int) -> PositionSample:
         """Return where the tool is at `t_us` [µs]."""
         return new_tuple(PositionSample, (t_us, self._tool_m))

@@ -79,9 +79,9 @@ class GroundedSettings:
         check_parameter("damping of the device", self.damping_n_s_per_m, 0.0, 1e4, "N·s/m")
         check_parameter("friction of the device", self.friction_n, 0.0, 100.0, "N")
         check_parameter("resolution of the device", self.resolution_m, 0.0, 0.01, "m")
-        if not self.max_force_n > 0.0:
+        if self.max_force_n != math.inf:
             check_parameter("largest force of the device", self.max_force_n, 1e-3, 1e4, "N")
-        if not self.rate_hz >= 20.0:
+        if self.rate_hz != math.inf:
             check_parameter("rate of the device", self.rate_hz, 20.0, 1e5, "Hz")
 
 

@@ -123,3 +123,24 @@ def test_names_and_parameters_are_checked():
         parse_coupling("energy-bounded:damping")
     with pytest.raises(SettingsError, match="damping of hand and device"):
         make_coupling("energy-bounded", {"damping": -1.0}).master(Port(1, LAW, 1000, math.inf))
+
+
+def test_the_account_counts_what_the_device_applies_and_how_far_the_hand_moves():
+    said = [(1.0,)]
+    end = EnergyBounded().master(Port(1, LAW, 1000, math.inf, scale=2.0, applied_n=lambda: said[0]))
+    end.limit((2.0,), (0.0,), 0, follows=False)
+    before_j = end.energy_j
+    said[0] = (0.5,)
+    end.limit((2.0,), (-2e-4,), 1000, follows=False)  # the hand moved by half of it
+    assert end.energy_j == pytest.approx(before_j - 0.5 * 1e-4 + 1e-3 * (0.1 * 0.1) ** 2)
+
+
+@pytest.mark.parametrize("bad", [math.nan, math.inf])
+def test_a_force_that_is_no_number_is_zero_and_leaves_the_account_as_it_was(bad):
+    end = bound()
+    for t in range(3):
+        end.limit((1.0,), (1e-4 * t,), 1000 * t, follows=True)
+    before_j = end.energy_j
+    assert end.limit((bad,), (3e-4,), 3000, follows=True) == (0.0,)
+    assert end.energy_j == before_j
+    assert end.limit((1e3,), (3e-4,), 4000, follows=False)[0] < 3.0

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from hapticnet.errors import SettingsError
-from hapticnet.measure.stability import display_limits, onset, sampled_onset
+from hapticnet.measure.stability import onset, sampled_onset
 from hapticnet.operator.yielding import HANDS
 from hapticnet.oscillator import exact_step
 
@@ -67,13 +67,3 @@ def test_the_sampled_onset_is_where_the_loop_from_tick_to_tick_becomes_unstable(
 def test_the_sampled_loop_is_like_a_delay_that_is_half_a_tick_longer(delay_ms):
     sampled = sampled_onset(*OF_ARM, 1e-3, delay_ms)
     assert sampled == pytest.approx(onset(*OF_ARM, (delay_ms + 0.5) * 1e-3), rel=1e-3)
-
-
-def test_the_softest_limit_of_a_display_comes_first():
-    limits = display_limits(
-        damping=1.0, period_s=1e-3, friction_n=0.1, resolution_m=50e-6, max_force_n=4.0, depth_m=0.002
-    )
-    assert limits == [
-        (2000.0, "damping and rate"), (2000.0, "largest force"), (pytest.approx(4000.0), "friction and resolution"),
-    ]  # fmt: skip
-    assert display_limits(damping=2.0, period_s=0.01)[0] == (400.0, "damping and rate")

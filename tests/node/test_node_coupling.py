@@ -12,6 +12,7 @@ from hapticnet.control import couplings
 from hapticnet.errors import PeerError, SettingsError, UnavailableError
 from hapticnet.node.events import HeldBack
 from hapticnet.node.settings import MasterSettings
+from hapticnet.node.slave import SlaveNode
 from hapticnet.operator.yielding import HANDS, YieldingOperator
 from hapticnet.samples import PositionSample
 from hapticnet.scene.settings import SceneSettings, Tissue
@@ -163,6 +164,72 @@ def test_an_arm_that_oscillates_over_a_delay_comes_to_rest_within_the_bound(make
     assert swings["energy-bounded"] < 2e-4
     assert report["name"] == "energy-bounded"
     assert report["held_back_share"] > 0.1
+
+
+@pytest.mark.parametrize("returned", [(float("nan"),), (1.0, 2.0), None, "1 N"])
+def test_what_a_coupling_returns_is_checked(make_wall, monkeypatch, returned):
+    link = virtual_link(scene=make_wall(200.0), operator=Still(), coupling="offset")
+    link.run(seconds=0.2)
+    monkeypatch.setattr(OffsetMaster, "limit", lambda *_, **__: returned)
+    with pytest.raises(UnavailableError, match="the coupling failed"):
+        link.run(seconds=0.2)
+    assert link.master_samples()["held_n"][-1] == 0.0
+
+
+def test_no_coupling_asks_for_more_than_the_device_can_render(make_wall):
+    class Weak(Still):
+        max_force_n = 0.7
+
+    link = virtual_link(scene=make_wall(200.0), operator=Weak(), coupling="offset")
+    link.run(seconds=1.0)
+    assert link.master_samples()["held_n"].max() == pytest.approx(0.7)
+
+
+@pytest.mark.parametrize("returned", [((1.0,), b""), ((1.0, 2.0), b"1234"), ((float("nan"),), b"1234"), None])
+def test_a_coupling_that_fails_at_the_slave_ends_the_session_and_both_are_told(make_wall, monkeypatch, returned):
+    monkeypatch.setattr(OffsetSlave, "answer", lambda *_: returned)
+    link = virtual_link(scene=make_wall(200.0), operator=Still(), coupling="offset")
+    with pytest.raises(UnavailableError, match="the coupling failed"):
+        link.run(seconds=0.2)
+
+
+def test_a_coupling_that_cannot_be_made_refuses_the_session(make_wall, monkeypatch):
+    monkeypatch.setattr(Offset, "slave", lambda *_: 1 / 0)
+    link = virtual_link(scene=make_wall(200.0), operator=Still(), coupling="offset")
+    link.run(seconds=0.2)
+    assert link._loopback.master.refused
+    assert "the coupling failed" in link._loopback.master.end_reason
+
+
+def test_a_change_of_session_keeps_the_end_of_the_forces_that_are_applied(make_wall):
+    link = virtual_link(scene=make_wall(200.0), operator=Still(), coupling="offset", forward="delay=20ms")
+    link.run(seconds=1.0)
+    master = link._loopback.master
+    before = master._end
+    master.change(codec="raw")
+    link.run(seconds=0.05)
+    link.run(seconds=0.5)
+    assert master._end is not before
+    held_n = link.master_samples()["held_n"][500:]
+    assert np.ptp(held_n) < 0.05 * held_n.mean()
+
+
+@pytest.mark.plain
+def test_a_hand_feels_no_force_once_its_session_is_lost(make_wall, monkeypatch):
+    class Feels(Still):
+        felt = ()
+
+        def feel(self, _t_us, force_n):
+            self.felt = (*self.felt[-1:], force_n[0])
+
+    hand = Feels()
+    link = virtual_link(scene=make_wall(200.0), operator=hand)
+    link.run(seconds=1.0)
+    assert hand.felt[-1] > 0.5
+    monkeypatch.setattr(SlaveNode, "receive_datagram", lambda *_: None)
+    link._loopback.run(15 * SECOND)
+    assert not link._loopback.master.session.streaming
+    assert hand.felt[-1] == 0.0
 
 
 def test_the_operator_is_told_that_the_force_is_held_back_and_again_after_a_while_without(make_wall):
