@@ -227,7 +227,8 @@ def test_a_hand_feels_no_force_once_its_session_is_lost(make_wall, monkeypatch):
     link.run(seconds=1.0)
     assert hand.felt[-1] > 0.5
     monkeypatch.setattr(SlaveNode, "receive_datagram", lambda *_: None)
-    link._loopback.run(15 * SECOND)
+    link._loopback.slave.close("done", link._loopback.now_us)
+    link._loopback.run(SECOND)
     assert not link._loopback.master.session.streaming
     assert hand.felt[-1] == 0.0
 
