@@ -188,7 +188,7 @@ def judge_stability(hand: str, round_trip_s: float, scene: str | None) -> Findin
         return Finding("Stability", Verdict.OK, value)
     meaning = "A device that pushes the hand will swing with it. One that only presses on the skin does not."
     steps = (
-        Step("See what helps:", f"hapticnet stability --hand {hand} --delays {1e3 * round_trip_s:g}ms --scene {scene}"),
+        Step("See what helps:", f"hapticnet stability --hand {hand} --delays {1e3 * round_trip_s:g}ms"),
         Step("Or bound the energy:", "hapticnet master --coupling energy-bounded --codec motion-predictive …"),
     )
     return Finding("Stability", Verdict.WARNING, value, meaning, steps)
