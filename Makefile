@@ -95,6 +95,9 @@ system-packages:
 			$(APT) update -qq && $(APT) install -y -qq --no-install-recommends $(SYSTEM_PACKAGES); \
 		else echo 'missing some of: $(SYSTEM_PACKAGES); the tests that need them are skipped'; fi; \
 	fi
+	@test -e /usr/include/fastdds || ! command -v apt-get >/dev/null || \
+		{ $(APT) update -qq && $(APT) install -y -qq --no-install-recommends g++ libfastrtps-dev; } || \
+		echo 'no Fast DDS here: extras/ros2 is not tested against it'
 
 # The live page is tested in Debian's Chromium. Ubuntu has it only as a snap, which these tests do not use.
 chromium:
