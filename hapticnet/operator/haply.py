@@ -67,7 +67,7 @@ def parse_haply(text: str) -> tuple[str, HaplySettings]:
         if key not in KEYS:
             raise SettingsError(f"operator haply has no {key!r}{meant(key, KEYS)}; there are: {', '.join(KEYS)}")
         try:
-            values[KEYS[key]] = value if key in ("axis", "button") else float(value)
+            values[KEYS[key]] = value if key in ("axis", "button") else (int if key == "axes" else float)(value)
         except ValueError:
             raise SettingsError(f"operator haply: {part!r} must be KEY=NUMBER, as in scale=2") from None
     return place.partition(":")[2] or ADDRESS, HaplySettings(**values)

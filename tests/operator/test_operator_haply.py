@@ -43,7 +43,8 @@ def test_a_text_gives_address_and_settings():
     [
         ("haply,scal=2", r"has no 'scal' \(did you mean 'scale'\?\)"),
         ("haply,scale=big", "'scale=big' must be KEY=NUMBER"),
-        ("haply,axes=nan", "axes of the Inverse3 is nan"),
+        ("haply,axes=nan", "'axes=nan' must be KEY=NUMBER"),
+        ("haply,axes=4", "axes of the Inverse3 is 4"),
         ("haply,axis=w", "axis of the Inverse3 is 'w'; there are: x, y, z, -x"),
         ("haply,button=d", "button of the Inverse3 is 'd'; there are: a, b, c"),
         ("haply,max-force=20", "largest force of the Inverse3 is 20.0 N"),
