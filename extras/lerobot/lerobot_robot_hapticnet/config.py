@@ -25,7 +25,7 @@ class Joints:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """The names, checked; SettingsError if there are not one to three."""
+        """The names; SettingsError if they are not one to three different names, or a unit is invalid."""
         names = tuple(each.strip() for each in self.joints.split("+"))
         if not 1 <= len(names) <= 3 or not all(names) or len(set(names)) != len(names):
             raise SettingsError(f"joints is {self.joints!r}; it must be one to three names, as in x+y+z")
@@ -35,7 +35,7 @@ class Joints:
         return names
 
     def position_m(self, action: dict[str, Any]) -> tuple[float, ...]:
-        """Return the position [m] that an action asks for; ValueError if it misses a joint, or is not finite."""
+        """Return the position [m] that an action asks for; ValueError if one is missing or not finite."""
         try:
             values = [float(action[f"{name}.pos"]) for name in self.names]
         except (KeyError, TypeError, ValueError) as error:
@@ -78,13 +78,13 @@ class HapticnetRobotConfig(RobotConfig, Session):
 
     address: str = "127.0.0.1:47800"
     stiffness_n_per_m: float = 0.0
-    """Stiffness that the follower there states, from which its position is known; 0: not known."""
+    """The follower's option ``stiffness``, with which the robot's position is computed from the force; 0: not given."""
 
 
 @TeleoperatorConfig.register_subclass("hapticnet")
 @dataclass(kw_only=True)
 class HapticnetTeleoperatorConfig(TeleoperatorConfig, Session):
-    """A hand that feels the force: of the session at `address`, or what `send_feedback` says if there is none."""
+    """A hand that feels the force of the session with `address`, or without one the force given to `send_feedback`."""
 
     hand: str = "haply"
     """What ``hapticnet master --operator`` takes: haply, hand:arm, FILE.py:Class, udp:PORT, ..."""

@@ -1,4 +1,4 @@
-"""The scene beside the robot: a LeRobot robot follows the hand, and what it feels is answered.
+"""The scene beside the robot: a LeRobot robot follows the hand, and the force that it reports is the answer.
 
 A robot on a serial bus answers in 5 to 20 ms, and a scene must not wait: a thread talks to the robot at `rate_hz`, and
 `Follower.step` takes the newest force.
@@ -19,23 +19,24 @@ from hapticnet.samples import PositionSample
 from lerobot_robot_hapticnet.config import Joints
 
 LOG: Final = logging.getLogger("hapticnet")
-FRESH_S: Final = 0.1  # age of the robot's answer from which the force decays, to zero at twice this age
+FRESH_S: Final = 0.1  # age of the robot's last observation from which the force decays; it is zero at twice this age
 LOST_S: Final = 1.0  # age at which the session ends
-SILENT_S: Final = 0.5  # time without positions after which the robot lets go
+SILENT_S: Final = 0.5  # time without positions after which the robot's goal is where it is
 
 
 class Follower:
-    """A LeRobot robot that follows one to three axes of a hand. It moves relative to where it is when a hand takes it.
+    """A LeRobot robot that follows one to three axes of a hand, by differences from where it is when a session begins.
 
-    `type` is a robot, or the name of its type; ``config`` are then the keys of its configuration. The force of a
-    joint is observed under the key ``JOINT.force`` (`force` names another ending), times `newtons_per_unit`; positive
-    if it pushes towards smaller values. With ``force=""``, or if the robot reports none, it is the tracking error,
-    goal minus position, times `stiffness` [N/m of the hand]. The goal moves at most at `speed` [m/s of the hand].
+    `type` is a robot, or the name of a robot's type whose configuration has the keys ``config``. The force of a joint
+    is the observation ``JOINT.force`` (`force` gives another ending) times `newtons_per_unit`; it is positive if it
+    pushes towards smaller values. With ``force=""``, or if the robot reports no force, it is the tracking error (goal
+    minus position) times `stiffness` [N/m of the hand]. The goal moves at most at `speed` [m/s of the hand].
 
-    With a `clock` there is no thread: whoever gives it calls `cycle`.
+    If a `clock` [s] is given, no thread is started, and the caller must call `cycle`. Raises SettingsError if an option
+    is invalid or the robot cannot be connected.
     """
 
-    shared = True  # there is one robot
+    shared = True  # all sessions move the same robot
 
     def __init__(
         self,
@@ -83,7 +84,7 @@ class Follower:
             first = self._robot.get_observation()
         except Exception as error:
             raise SettingsError(f"{self.name}: {one_line(error)}") from error
-        # Joints that the hand does not move get the goal where they are; some robots want all in each action.
+        # Joints that the hand does not move keep their first position as goal; some robots want all in each action.
         self._others = {key: first[key] for key in self._robot.action_features if key not in keys and key in first}
         self._at_m = self._read(first)
         self._seen_s = self._clock()
@@ -94,12 +95,12 @@ class Follower:
     def welcome(self, master: str) -> None:
         """Refuse a master while another one moves the robot."""
         if self._clock() - self._stepped_s < SILENT_S and master != self._master:
-            raise UnavailableError(f"another master moves {self.name}; {master} must wait until it is done")
+            raise UnavailableError(f"another master moves {self.name}; {master} must wait until that one has finished")
         with self._lock:
             self._origin, self._master = None, master
 
     def step(self, sample: PositionSample) -> list[float]:
-        """Set where the robot shall go, and return the newest force; an error ends the session with zero force."""
+        """Set the robot's goal, and return the newest force [N]; UnavailableError if the robot has stopped."""
         with self._lock:
             now_s = self._clock()
             age_s = now_s - self._seen_s
@@ -120,7 +121,7 @@ class Follower:
             return [share * each for each in self._force_n]
 
     def cycle(self) -> None:
-        """Send the goal to the robot and read what it feels. Without new positions, let go: the goal is where it is."""
+        """Send the goal to the robot and read its force. If positions stopped coming, its goal is where it is."""
         with self._lock:
             if self._moves and self._clock() - self._stepped_s > SILENT_S:
                 self._moves, self._goal_m, self._force_n = False, list(self._at_m), [0.0] * self.axes
@@ -158,7 +159,7 @@ class Follower:
             due_s = max(due_s + period_s, self._clock())
             try:
                 self.cycle()
-            except Exception as error:  # a robot raises anything
+            except Exception as error:  # a robot may raise anything
                 self.fail(error)
                 return
 
@@ -169,7 +170,7 @@ class Follower:
 
 
 def made(name: str, config: dict[str, Any]) -> Robot:
-    """Return a robot of a type, with the keys of its configuration; SettingsError if there is none."""
+    """Return a robot of a type, with the keys of its configuration; SettingsError if that fails."""
     known = RobotConfig.get_known_choices()
     if name not in known:
         raise SettingsError(f"LeRobot knows no robot {name!r}; it knows: {', '.join(sorted(known))}")

@@ -1,8 +1,8 @@
-"""One session for the robot and the teleoperator of a process: who moves the tool, and what is felt.
+"""One session that the robot and the teleoperator of a process share.
 
 LeRobot's loops take an action and send it to the robot 30 or 60 times a second, and pass no force back. So a
-teleoperator with the address of a robot moves the tool of that robot's session by itself, in every tick of 1 ms, and
-feels the force in the same tick; LeRobot's loop sees both.
+teleoperator that has the same address as a robot moves that robot's session directly, in every tick, and feels the
+force in the same tick. LeRobot's loop reads and records both.
 """
 
 import asyncio
@@ -30,32 +30,22 @@ if TYPE_CHECKING:
 
 LOG: Final = logging.getLogger("hapticnet")
 SILENT_S: Final = 0.5  # time without an action after which a tool without a hand lets go
-LONGEST_RAMP_S: Final = 0.1  # an action is reached in the time since the last one, at most in this
+LONGEST_RAMP_S: Final = 0.1  # longest time in which the tool moves to an action; else the time since the last one
 IDLE_S: Final = 0.05  # time without a tick after which the force is zero
 FASTEST_M_PER_S: Final = 0.5
-GIVES_M_PER_N_S: Final = (
-    0.005  # a tool that lets go yields at this speed for each newton; stable up to 1 kN/m at 300 ms
-)
+GIVES_M_PER_N_S: Final = 0.005  # speed per newton at which a tool that lets go yields; stable to 1 kN/m at 300 ms
 LEAST_N: Final = 0.05
-FIRST_S: Final = 2.0  # longest wait for the first answer
+FIRST_S: Final = 2.0  # longest wait for the first answer of the slave
 FRESH_S: Final = 0.1  # age of a feedback from which its force decays, to zero at twice this age
-SHARED: Final = (
-    "joints",
-    "units_per_m",
-    "zero",
-    "codec",
-    "coupling",
-    "predicted",
-    "rate_hz",
-    "key",
-    "peer_key",
-    "insecure",
-)
+MOTION: Final = "joints", "units_per_m", "zero"
+SHARED: Final = *MOTION, "codec", "coupling", "predicted", "rate_hz", "key", "peer_key", "insecure"
+"""Settings that must be the same for robot and teleoperator."""
+
 HISTORY: Final = 2000  # ticks whose positions are kept
 
 
 class Tool:
-    """What the session moves: a hand, or else the newest action in small steps, since a jump is felt as a jump."""
+    """The operator of the session: the hand if there is one, or else the newest action, reached in small steps."""
 
     duration_us = None
 
@@ -94,7 +84,7 @@ class Tool:
                 watcher.observe(now_us())
 
     def rest(self) -> None:
-        """Take zero force if no tick came for a while: a session that is lost asks its operator for nothing."""
+        """Set the force to zero if no tick came for a while: the ticks of a lost session do not reach its operator."""
         if time.monotonic() - self._then_s > IDLE_S:
             self.feel(self._felt_us, (0.0,) * self.axes)
 
@@ -121,7 +111,7 @@ class Tool:
 
 
 class Feedback:
-    """The scene of a teleoperator without a session: the force that the program says, as long as it is fresh."""
+    """The scene of a teleoperator without an address: the force given to `send_feedback`, while it is fresh."""
 
     name = "feedback of LeRobot"
 
@@ -131,10 +121,10 @@ class Feedback:
         self._told_s: float | None = None
 
     def tell(self, force_n: tuple[float, ...]) -> None:
-        """Render this force."""
+        """Render this force [N] from now on."""
         self._force_n, self._told_s = force_n, time.monotonic()
 
-    def step(self, sample: hn.PositionSample) -> Sequence[float]:  # noqa: ARG002 - the force is the program's
+    def step(self, sample: hn.PositionSample) -> Sequence[float]:  # noqa: ARG002 - the force does not depend on it
         """Return the force."""
         told_s = self._told_s
         if told_s is None:
@@ -148,7 +138,7 @@ class Feedback:
 
 
 class _Master(hn.ThreadedMaster):
-    """A master whose hand may have a connection of its own, such as that to Haply's service."""
+    """A master that also runs the connection of its hand, such as the one to Haply's service."""
 
     hand: "Hand | None" = None
     tool: Tool
@@ -202,23 +192,23 @@ class Link:
         return link
 
     def open(self, user: object) -> None:
-        """Open the session, if nobody has; a HapticnetError says why it cannot be."""
+        """Open the session unless it is open; a HapticnetError says why it cannot be opened."""
         if self._master is None:
             self._begin()
         self._users.add(id(user))
 
     def is_open(self, user: object) -> bool:
-        """Return whether this one has it open."""
+        """Return whether this user has opened the session and not left it."""
         return id(user) in self._users
 
     def leave(self, user: object) -> None:
-        """Close the session if nobody else has it open: the force goes to zero."""
+        """Leave the session; if no user is left, close it, which sets the force to zero."""
         self._users.discard(id(user))
         if not self._users:
             self._end()
 
     def check(self, user: object) -> Tool:
-        """Return the tool; DeviceNotConnectedError if there is no session. Log what happened to the session."""
+        """Return the tool, and log what happened to the session; DeviceNotConnectedError if there is no session."""
         master, tool = self._master, self.tool
         if not self.is_open(user) or master is None or tool is None:
             raise DeviceNotConnectedError("hapticnet is not connected; call connect() first")
@@ -235,16 +225,16 @@ class Link:
 
     @property
     def is_busy(self) -> bool:
-        """Whether anybody has it open."""
+        """Whether a user has it open."""
         return bool(self._users)
 
     @property
     def force_n(self) -> tuple[float, ...]:
-        """Force [N] that is held; it decays to zero when nothing arrives."""
+        """Force [N] that the hand feels; it decays to zero when nothing arrives."""
         return (0.0,) * self.axes if self._master is None or self._lost is not None else self._master.force_n
 
     def answered_m(self) -> tuple[float, ...]:
-        """Return the position [m] that the present force answers, as far as known: sent one round trip ago."""
+        """Return the position [m] that was sent one median round trip ago, to which the present force belongs."""
         assert self.tool is not None and self._master is not None  # noqa: S101, PT018 - for the type checker
         wanted_us = round(1e6 * time.monotonic()) - self._round_trip_us()
         for t_us, position_m in reversed(tuple(self.tool.past)):
@@ -262,7 +252,7 @@ class Link:
         master = self._master
         assert master is not None  # noqa: S101 - for the type checker
 
-        async def ask() -> float:  # on the loop, whose thread counts
+        async def ask() -> float:  # runs on the event loop, because the session belongs to its thread
             return master.node.session.round_trip.percentile(50) or 0.0
 
         return round(master._wait_for(ask()))
@@ -280,7 +270,7 @@ class Link:
             self.feedback = Feedback(self.axes)
             self._slave = hn.ThreadedSlave(self.feedback, listen="127.0.0.1:0").__enter__()
             address = self._slave.address
-        # Without a hand there is nobody to be pushed, so nothing to be kept from oscillating.
+        # Without a hand the force moves nothing, so nothing can oscillate and no coupling is needed.
         coupling = "direct" if hand is None else config.coupling
         master = _Master(
             address, operator=tool, codec=config.codec if config.address else "raw", coupling=coupling,
@@ -295,7 +285,7 @@ class Link:
             self._end()
             raise
         self.tool = tool
-        # The robot is taken at the first position that arrives, which must be 0 for actions to mean what they say.
+        # The follower counts positions from the first that arrives. It must be 0, for actions to be absolute positions.
         end_s = time.monotonic() + FIRST_S
         while hand is None and not self._round_trip_us() and time.monotonic() < end_s:
             time.sleep(0.005)
@@ -319,7 +309,7 @@ def operator_of(text: str) -> "Hand":
 
 
 def connecting(link: Link, user: object) -> None:
-    """Open a link; DeviceNotConnectedError in one line if that is impossible."""
+    """Open a link; DeviceNotConnectedError, in one line, if that fails."""
     try:
         link.open(user)
     except HapticnetError as error:

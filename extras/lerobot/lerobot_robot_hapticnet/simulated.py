@@ -1,4 +1,4 @@
-"""A robot to try it all without one: position-controlled axes before a wall."""
+"""A simulated robot to try the plug-in with: position-controlled axes in front of a wall."""
 
 import time
 from dataclasses import dataclass
@@ -25,7 +25,7 @@ class HapticnetSimulatedConfig(RobotConfig, Joints):
 
 
 class HapticnetSimulated(Robot):
-    """Servos of a stiffness, each with a lag of first order; behind `wall_mm` a spring pushes the first one back."""
+    """Elastic servos with a lag of first order each; behind `wall_mm` a spring pushes the first axis back."""
 
     config_class = HapticnetSimulatedConfig
     name = "hapticnet_simulated"

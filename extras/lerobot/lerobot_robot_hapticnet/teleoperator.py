@@ -8,18 +8,20 @@ from lerobot.teleoperators import Teleoperator
 
 from hapticnet.errors import SettingsError
 from lerobot_robot_hapticnet.config import HapticnetTeleoperatorConfig
-from lerobot_robot_hapticnet.link import Link, connecting
+from lerobot_robot_hapticnet.link import Link
+from lerobot_robot_hapticnet.session_end import SessionEnd
 
 LOG: Final = logging.getLogger("hapticnet")
 
 
-class HapticnetTeleoperator(Teleoperator):
-    """An operator of hapticnet: a Haply, a hand that yields, or an object of the user's.
+class HapticnetTeleoperator(SessionEnd, Teleoperator):
+    """An operator of hapticnet: a Haply, a simulated hand that yields, or an object of yours.
 
-    With an address, the force comes by the session in every tick, and `send_feedback` has nothing to do. Without one,
-    it renders what `send_feedback` says, with hapticnet's hold and coupling at 1 kHz, until that is 0.1 s old.
+    With an address, each tick of the session brings the force, and `send_feedback` does nothing. Without one, the hand
+    feels the force given to `send_feedback`, with hapticnet's hold and coupling at 1 kHz, until it is 0.1 s old.
     """
 
+    config: HapticnetTeleoperatorConfig
     config_class = HapticnetTeleoperatorConfig
     name = "hapticnet"
 
@@ -28,38 +30,13 @@ class HapticnetTeleoperator(Teleoperator):
         self.config = config
         self._link = Link.of(config)
         if self._link.is_busy:
-            raise SettingsError(f"the session with {config.address} is open already; make the teleoperator before")
+            raise SettingsError(f"the session with {config.address} is open already; make the teleoperator first")
         self._link.hand = config.hand
-
-    @property
-    def action_features(self) -> dict[str, Any]:
-        """Position of each joint."""
-        return {f"{name}.pos": float for name in self.config.names}
 
     @property
     def feedback_features(self) -> dict[str, Any]:
         """Force [N] of each joint, positive if it pushes towards smaller positions of the hand; {} with an address."""
         return {} if self.config.address else {f"{name}.force": float for name in self.config.names}
-
-    @property
-    def is_connected(self) -> bool:
-        """Whether the hand is connected."""
-        return self._link.is_open(self)
-
-    @property
-    def is_calibrated(self) -> bool:
-        """It needs none."""
-        return True
-
-    def connect(self, calibrate: bool = True) -> None:  # noqa: ARG002 - the interface's
-        """Take the hand; DeviceNotConnectedError says why it cannot be."""
-        connecting(self._link, self)
-
-    def calibrate(self) -> None:
-        """Do nothing."""
-
-    def configure(self) -> None:
-        """Do nothing."""
 
     def get_action(self) -> dict[str, Any]:
         """Return where the hand is; DeviceNotConnectedError if the other end has ended the session."""
@@ -78,11 +55,3 @@ class HapticnetTeleoperator(Teleoperator):
             LOG.warning("the feedback %r is not finite: the force is zero", feedback)
             force_n = (0.0,) * len(force_n)
         self._link.feedback.tell(force_n)
-
-    def disconnect(self) -> None:
-        """Let the hand go: the force goes to zero."""
-        self._link.leave(self)
-
-    def report(self) -> dict[str, Any]:
-        """Return the account of the session."""
-        return self._link.report()

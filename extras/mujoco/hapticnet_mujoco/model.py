@@ -18,11 +18,11 @@ import numpy as np
 from hapticnet.arrays import FloatArray
 from hapticnet.errors import SettingsError
 
-MODELS: Final = Path(__file__).parent / "models"  # of this package, which a name without suffix means
+MODELS: Final = Path(__file__).parent / "models"  # where a name without suffix is looked up
 STIFFEST: Final = 0.5
-"""Largest K h² / m of a coupling for steps h: above it, the steps are too long to damp it as they should."""
+"""Largest K h² / m of a coupling with steps h. Above it, the steps are too long for the damping."""
 
-PREFIX: Final = "hapticnet"  # of the names of all that is added to a model
+PREFIX: Final = "hapticnet"  # of the names of all that this package adds to a model
 NET_FORCE: Final = 3  # a contact sensor then gives the sum of all contacts, in the axes of the world
 _AXES: Final = re.compile("(-?[xyz]){1,3}")
 

@@ -1,4 +1,4 @@
-"""A MuJoCo model as a scene: the tool follows the hand by a coupling, and what it feels is answered."""
+"""A MuJoCo model as a scene: a coupling moves the tool to the hand, and its force is the answer."""
 
 import math
 from collections.abc import Iterable
@@ -15,14 +15,14 @@ from hapticnet.errors import SampleError, SettingsError, UserCodeError
 from hapticnet.samples import PositionSample, Vector, checked_vector
 from hapticnet_mujoco.model import PREFIX, STIFFEST, axes_from, compiled, couple, load, slides, tool_of
 
-LONGEST_MOTION_US: Final = 100_000  # after a longer pause, physics goes on for this time only
-FASTEST_M_PER_S: Final = 1.0  # no hand on a tool moves faster: after a leap, the tool goes there at this speed
-STRIDE: Final = 5  # steps that copies make as one, so that 100 ms ahead take a few hundred microseconds
+LONGEST_MOTION_US: Final = 100_000  # after a longer pause, physics makes only the steps of this time
+FASTEST_M_PER_S: Final = 1.0  # highest speed of the tool's goal, also when the hand jumps
+STRIDE: Final = 5  # steps of the model that a copy makes as one, so that 100 ms take it some 100 µs
 FORCES: Final = "coupling", "contact"
 WARNINGS: Final = int(mujoco.mjtWarning.mjNWARNING)
 """Number of MuJoCo's warnings: NaN, values that are too large, contacts that found no room."""
 
-_PLACES: Final = {int(mujoco.mjtJoint.mjJNT_FREE): 7, int(mujoco.mjtJoint.mjJNT_BALL): 4}  # in qpos, of a joint; else 1
+_PLACES: Final = {int(mujoco.mjtJoint.mjJNT_FREE): 7, int(mujoco.mjtJoint.mjJNT_BALL): 4}  # numbers in qpos; else 1
 
 
 class Physics:
@@ -57,13 +57,14 @@ class Scene:
     frame
         A site that is fixed to the world. Default: the tool's centre of mass at rest, with the axes of the world.
     scale, force_scale
-        Metres of the tool in one metre of the hand, and newtons of the hand in one newton of the tool.
+        Metres of the tool per metre of the hand, and newtons of the hand per newton of the tool.
     stiffness
         Of the coupling at the tool [N/m]. It is damped critically.
     mass
-        Inertia [kg] of a tool that moves along the axes only, if it is lighter.
+        Least inertia [kg] of a tool that moves along the axes only.
     force
-        ``coupling``: of the coupling, which includes the tool's inertia. ``contact``: sum of what touches the tool.
+        ``coupling``: that of the coupling, which includes the tool's inertia. ``contact``: the sum of the contact
+        forces on the tool.
     key
         Keyframe to begin with.
     """
@@ -81,7 +82,7 @@ class Scene:
         force: str = "coupling",
         key: str = "",
     ) -> None:
-        if mujoco.get_mju_user_warning() is None:  # else it writes MUJOCO_LOG.TXT; `_fail` tells of warnings
+        if mujoco.get_mju_user_warning() is None:  # else it writes MUJOCO_LOG.TXT; `_fail` raises warnings
             mujoco.set_mju_user_warning(lambda _: None)
         what = f"model {model}"
         for name, value, unit in (("stiffness", stiffness, "N/m"), ("mass", mass, "kg")):
@@ -128,7 +129,7 @@ class Scene:
         hurried.opt.timestep *= STRIDE
         self._models = {1: self._model, STRIDE: hurried}
         self._now, self._rest, spare = (Physics(self._model, self.axes) for _ in range(3))
-        self._stock = [spare]  # of copies that are gone, for the next ones: to make one takes a millisecond
+        self._stock = [spare]  # data of deleted copies, for the next ones, because to make one takes a millisecond
         _copy_state(whole, at_rest, self._model, self._now.data)
         mujoco.mj_forward(self._model, self._now.data)
         # From a force that the tool exerts to what the hand feels
@@ -215,7 +216,7 @@ class Scene:
         self._force_n = tuple([self._force_scale * each for each in felt_n.tolist()])
 
     def _pace(self, steps: int) -> Iterable[tuple[int, int]]:
-        """Return how many steps to make, each as long as how many steps of the model."""
+        """Return pairs: how many times the timestep of the model one step is, and how many such steps to make."""
         return ((1, steps),)
 
     def _fail(self) -> NoReturn:
@@ -237,7 +238,7 @@ class Scene:
 
 
 class _Copy(Scene):
-    """A copy, which looks ahead with longer steps, and leaves its data to the next one."""
+    """A copy for predicting: it makes longer steps, and returns its data to the stock when it is deleted."""
 
     def _pace(self, steps: int) -> Iterable[tuple[int, int]]:
         return (STRIDE, steps // STRIDE), (1, steps % STRIDE)

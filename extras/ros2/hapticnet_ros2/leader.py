@@ -2,26 +2,26 @@
 
 import math
 import time
-from typing import Final
+from typing import Final, Unpack
 
 from hapticnet.checks import check_parameter
 from hapticnet.samples import PositionSample, Vector
 from hapticnet_ros2.messages import WrenchStamped
-from hapticnet_ros2.robot import kind_of
-from hapticnet_ros2.settings import axes_from, topic_from
-from hapticnet_ros2.topics import FRESH_MS, Input, Output, participant
+from hapticnet_ros2.settings import DdsOptions, axes_from
+from hapticnet_ros2.topics import Dds
 
-USUAL_N: Final = 2.0
-RISE_S: Final = 0.5  # time in which the limit of the force rises from zero once the hand holds the tool: an assumption
-SLEW_N_PER_S: Final = 200.0  # largest rise of the force, as for the Inverse3: an assumption
-LONGEST_STEP_S: Final = 0.005  # longest time between two forces that lets the force rise
+DEFAULT_MAX_FORCE_N: Final = 2.0
+RISE_S: Final = 0.5  # time in which the force limit rises from zero after positions begin to come: an assumption
+SLEW_N_PER_S: Final = 200.0  # fastest rise of the force, the same as for the Inverse3: an assumption
+LONGEST_STEP_S: Final = 0.005  # longest time that counts between two forces when the force rises
 
 
 class Leader:
     """A device with force that speaks CRTK's names. Satisfies `hapticnet.operator.base.HasSample`.
 
-    The tool begins at 0 and moves as the device does from its first message on, and from the first after a fault, so
-    that it never jumps; the force then rises from zero. Without fresh messages the tool stays and the force decays.
+    The tool begins at 0. From the first message of the device, and from the first one after a fault, the tool moves by
+    the same differences as the device, so that it never jumps, and the force rises from zero. Without fresh messages
+    the tool stays where it is and the force decays.
 
     Parameters
     ----------
@@ -33,14 +33,11 @@ class Leader:
         Metres of the tool in one metre of the device. Forces are not scaled.
     max_force_n
         Largest force [N] that is sent to the device, of all axes together.
-    position_topic, force_topic, message, frame_id
-        Names of the topics, kind of the positions, and frame in the messages sent.
-    domain, interface
-        Domain of DDS (default: ROS_DOMAIN_ID, or 0) and network interface.
-    reliable
-        Whether servo_cf is offered to subscribers that ask for reliable messages too.
-    fresh_ms
-        Age [ms] of a position from which the force decays; at twice that age it is zero, and the tool is let go.
+    position_topic, force_topic
+        Names of the topics.
+    **options
+        See `DdsOptions`. The force decays when the newest position is older than `fresh_ms`. At twice that age it is
+        zero, and the tool no longer follows the device until positions come again.
     """
 
     def __init__(
@@ -48,30 +45,23 @@ class Leader:
         namespace: str = "",
         axes: str | int = "-z",
         scale: float = 1.0,
-        max_force_n: float = USUAL_N,
+        max_force_n: float = DEFAULT_MAX_FORCE_N,
         position_topic: str = "measured_cp",
         force_topic: str = "servo_cf",
-        message: str = "PoseStamped",
-        frame_id: str = "",
-        domain: int | None = None,
-        interface: str = "",
-        reliable: bool = True,
-        fresh_ms: float = FRESH_MS,
+        **options: Unpack[DdsOptions],
     ) -> None:
         self._along = axes_from(axes)
         self.axes = len(self._along)
         check_parameter("scale", scale, 1e-3, 1e3)
         check_parameter("max_force_n", max_force_n, 0.01, 100.0, "N")
         self._scale, self.max_force_n = scale, max_force_n
-        kind = kind_of(message)
-        member = participant(domain, interface)
-        self._measured = Input(member, topic_from(namespace, position_topic), kind, fresh_ms)
-        force_name = topic_from(namespace, force_topic)
-        self._sent = Output(member, force_name, WrenchStamped, frame_id, reliable=reliable is True)
+        dds = Dds(namespace, **options)
+        self._measured = dds.input(position_topic, dds.position_kind)
+        self._sent = dds.output(force_topic, WrenchStamped)
         self._is_open = True
         self._tool_m: Vector = (0.0,) * self.axes
         self._offset_m = self._tool_m
-        self._held_s: float | None = None  # since when the hand holds the tool
+        self._held_s: float | None = None  # when positions began to come; None while none come
         self._before_s, self._size_n = 0.0, 0.0
 
     def sample(self, t_us: int) -> PositionSample:
@@ -90,7 +80,7 @@ class Leader:
         return PositionSample(t_us, self._tool_m)
 
     def feel(self, t_us: int, force_n: Vector) -> None:  # noqa: ARG002 - the clock of the device counts
-        """Send the force [N] nearest to the one held that the limits allow."""
+        """Send the held force [N], reduced to what the limits allow."""
         now_s = time.monotonic()
         passed_s, self._before_s = min(now_s - self._before_s, LONGEST_STEP_S), now_s
         most_n = 0.0

@@ -54,6 +54,10 @@ class Quaternion(IdlStruct, typename="geometry_msgs::msg::dds_::Quaternion_"):
     w: float = 1.0
 
 
+def _position_and_quaternion(at: Point | Vector3, turn: Quaternion) -> tuple[float, ...]:
+    return at.x, at.y, at.z, turn.x, turn.y, turn.z, turn.w
+
+
 @dataclass
 class Pose(IdlStruct, typename="geometry_msgs::msg::dds_::Pose_"):
     """``geometry_msgs/msg/Pose``."""
@@ -71,8 +75,7 @@ class PoseStamped(IdlStruct, typename="geometry_msgs::msg::dds_::PoseStamped_"):
 
     def values(self) -> tuple[float, ...]:
         """Return position [m] and orientation."""
-        at, turn = self.pose.position, self.pose.orientation
-        return at.x, at.y, at.z, turn.x, turn.y, turn.z, turn.w
+        return _position_and_quaternion(self.pose.position, self.pose.orientation)
 
     def put(self, values: tuple[float, ...]) -> None:
         """Set position [m] and orientation."""
@@ -97,8 +100,7 @@ class TransformStamped(IdlStruct, typename="geometry_msgs::msg::dds_::TransformS
 
     def values(self) -> tuple[float, ...]:
         """Return position [m] and orientation."""
-        at, turn = self.transform.translation, self.transform.rotation
-        return at.x, at.y, at.z, turn.x, turn.y, turn.z, turn.w
+        return _position_and_quaternion(self.transform.translation, self.transform.rotation)
 
     def put(self, values: tuple[float, ...]) -> None:
         """Set position [m] and orientation."""

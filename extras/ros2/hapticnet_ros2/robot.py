@@ -1,19 +1,19 @@
 """A robot of ROS 2 as a scene: positions go to servo_cp, and measured_cf is the force."""
 
 import time
-from typing import Final
+from typing import Final, Unpack
 
 from hapticnet.checks import check_parameter
 from hapticnet.errors import SettingsError
 from hapticnet.samples import PositionSample, Vector
-from hapticnet_ros2.messages import POSITIONS, WrenchStamped
-from hapticnet_ros2.settings import axes_from, numbers_from, topic_from
-from hapticnet_ros2.topics import FRESH_MS, LOG, Input, Output, participant
+from hapticnet_ros2.messages import WrenchStamped
+from hapticnet_ros2.settings import DdsOptions, axes_from, numbers_from
+from hapticnet_ros2.topics import LOG, Dds, Input
 
 RISE_S: Final = 0.02  # time in which the force comes back after a fault
-LONGEST_STEP_S: Final = 0.1  # time between two positions for which the robot may move at most
+LONGEST_STEP_S: Final = 0.1  # after a longer pause between two positions, the robot moves as after this one
 
-_moving: dict[str, "Robot"] = {}  # who moves the robot of a topic: the one who was welcomed last
+_moving: dict[str, "Robot"] = {}  # by topic: the object whose master was welcomed last
 
 
 class Robot:
@@ -35,14 +35,10 @@ class Robot:
         Largest speed [m/s] of the commanded position.
     home, orientation
         ``X/Y/Z`` [m] and ``X/Y/Z/W``. Default: those of `measured_cp` when the first position comes.
-    position_topic, measured_topic, force_topic, message, frame_id
-        Names of the topics, kind of their positions, and frame in the messages sent.
-    domain, interface
-        Domain of DDS (default: ROS_DOMAIN_ID, or 0) and network interface.
-    reliable
-        Whether servo_cp is offered to subscribers that ask for reliable messages too.
-    fresh_ms
-        Age [ms] from which the force decays; it is zero at twice that age.
+    position_topic, measured_topic, force_topic
+        Names of the topics.
+    **options
+        See `DdsOptions`. The force decays from the age `fresh_ms`, and is zero at twice that age.
     """
 
     def __init__(
@@ -57,39 +53,33 @@ class Robot:
         position_topic: str = "servo_cp",
         measured_topic: str = "measured_cp",
         force_topic: str = "measured_cf",
-        message: str = "PoseStamped",
-        frame_id: str = "",
-        domain: int | None = None,
-        interface: str = "",
-        reliable: bool = True,
-        fresh_ms: float = FRESH_MS,
+        **options: Unpack[DdsOptions],
     ) -> None:
         self._along = axes_from(axes)
         self.axes = len(self._along)
         check_parameter("scale", scale, 1e-3, 1e3)
         check_parameter("size of force_scale", abs(force_scale), 1e-3, 1e3)
         check_parameter("speed", speed, 1e-3, 10.0, "m/s")
-        kind = kind_of(message)
+        dds = Dds(namespace, **options)
         self._scale, self._force_scale, self._speed = scale, force_scale, speed
         self._place = numbers_from("home", home, 3) if home else ()
         self._turn = numbers_from("orientation", orientation, 4) if orientation else ()
         if self._turn and not 0.999 < sum(each * each for each in self._turn) < 1.001:
             raise SettingsError(f"orientation is {orientation!r}; it must be a quaternion of length 1")
-        self._topic = topic_from(namespace, position_topic)
+        self._topic = dds.name_of(position_topic)
         self.name = f"ros2:{self._topic.rpartition('/')[0] or '/'}"[:64]
-        member = participant(domain, interface)
-        self._force = Input(member, topic_from(namespace, force_topic), WrenchStamped, fresh_ms)
+        self._force = dds.input(force_topic, WrenchStamped)
         self._measured: Input | None = None
         if not (self._place and self._turn):
-            self._measured = Input(member, topic_from(namespace, measured_topic), kind, fresh_ms)
-        self._sent = Output(member, self._topic, kind, frame_id, reliable=reliable is True)
+            self._measured = dds.input(measured_topic, dds.position_kind)
+        self._sent = dds.output(position_topic, dds.position_kind)
         self._zero_m: Vector = ()  # position of the hand that belongs to home
         self._at_m: list[float] = []  # where the tool is, from home
         self._before_s, self._share = 0.0, 0.0
         _moving.setdefault(self._topic, self)
 
-    def welcome(self, master: str) -> None:  # noqa: ARG002 - all masters may; the newest does
-        """Give the robot to the master of this object; an older one moves it no longer, and feels nothing."""
+    def welcome(self, master: str) -> None:  # noqa: ARG002 - every master is welcome
+        """Let the master of this object move the robot. Any other master stops moving it, and feels zero force."""
         _moving[self._topic] = self
 
     def step(self, sample: PositionSample) -> Vector:
@@ -139,10 +129,3 @@ class Robot:
         for each in (self._force, self._measured, self._sent):
             if each is not None:
                 each.close()
-
-
-def kind_of(message: str) -> type:
-    """Return the kind of message with this name; SettingsError if positions have none of this name."""
-    if message not in POSITIONS:
-        raise SettingsError(f"message is {message!r}; it must be {' or '.join(POSITIONS)}")
-    return POSITIONS[message]

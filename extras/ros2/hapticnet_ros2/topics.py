@@ -1,6 +1,6 @@
 """Topics of DDS: the newest message of each and its age, and messages sent, without waiting.
 
-There is no thread: it would have the GIL when the tick needs it, and a lower priority.
+There is no thread: it would hold the GIL when a tick needs it, and have a lower priority.
 """
 
 import contextlib
@@ -19,21 +19,21 @@ from cyclonedds.topic import Topic
 
 from hapticnet.checks import check_integer, check_parameter
 from hapticnet.errors import SettingsError
-from hapticnet_ros2.messages import PREFIX, Message, made
-from hapticnet_ros2.settings import domain_from
+from hapticnet_ros2.messages import POSITIONS, PREFIX, Message, PoseStamped, TransformStamped, made
+from hapticnet_ros2.settings import domain_from, topic_from
 
 LOG: Final = logging.getLogger("hapticnet.ros2")
 
 FORGET_S: Final = 2.0  # after a longer pause, the age of a message cannot be told from the one before
 DRIFT: Final = 1e-3  # largest difference in rate of two clocks, and how fast a delay is forgotten
-PATIENCE_S: Final = 1.0  # time to find the other side, before it is said that nobody is there
+PATIENCE_S: Final = 1.0  # time that DDS gets to find the other side, before a line says that it is missing
 LINES_EVERY_S: Final = 10.0  # shortest time between two equal lines
 LARGEST: Final = 1e4  # of any value, in SI units: above what any arm reaches or bears
 FRESH_MS: Final = 20.0
 
-# A force or position that is replaced in a millisecond is not worth waiting for: the newest message only, none for
-# who comes late. A reader that asks for best effort hears all writers. A writer that offers reliability is heard by
-# all readers, and those of CRTK and of ROS's defaults do ask for it; with one message kept it never waits.
+# Each force or position is replaced within milliseconds, so only the newest message is kept, and readers that join late
+# get none. A reader that asks for best effort hears all writers. All readers hear a writer that offers reliability, and
+# those of CRTK and of ROS's defaults do ask for it; with one message kept it never waits.
 COMMON: Final = (
     Policy.History.KeepLast(1),
     Policy.Durability.Volatile,
@@ -47,7 +47,10 @@ _participants: dict[int, tuple[str, DomainParticipant, Domain | None]] = {}
 
 
 def participant(domain: float | None, interface: str) -> DomainParticipant:
-    """Return the participant of this process in a domain, on a network interface ("": as CYCLONEDDS_URI says)."""
+    """Return the participant of this process in a domain, on a network interface ("": as CYCLONEDDS_URI says).
+
+    SettingsError if DDS cannot be used there, or this process already uses the domain on another interface.
+    """
     domain = domain_from(domain)
     check_integer("domain", domain, 0, 232)
     number = int(domain)
@@ -67,8 +70,41 @@ def participant(domain: float | None, interface: str) -> DomainParticipant:
     return found
 
 
+class Dds:
+    """The topics of a namespace, with the options `hapticnet_ros2.settings.DdsOptions`; SettingsError if invalid."""
+
+    def __init__(
+        self,
+        namespace: str,
+        message: str = "PoseStamped",
+        frame_id: str = "",
+        domain: int | None = None,
+        interface: str = "",
+        reliable: bool = True,
+        fresh_ms: float = FRESH_MS,
+    ) -> None:
+        if message not in POSITIONS:
+            raise SettingsError(f"message is {message!r}; it must be {' or '.join(POSITIONS)}")
+        self.position_kind: type[PoseStamped] | type[TransformStamped] = POSITIONS[message]
+        self._member = participant(domain, interface)
+        self._namespace, self._frame_id, self._fresh_ms = namespace, frame_id, fresh_ms
+        self._reliable = reliable is True
+
+    def name_of(self, topic: str) -> str:
+        """Return the full name of a topic."""
+        return topic_from(self._namespace, topic)
+
+    def input(self, topic: str, kind: type[Message]) -> "Input":
+        """Return the newest message of a topic."""
+        return Input(self._member, self.name_of(topic), kind, self._fresh_ms)
+
+    def output(self, topic: str, kind: type[Message]) -> "Output":
+        """Return what sends messages to a topic."""
+        return Output(self._member, self.name_of(topic), kind, self._frame_id, reliable=self._reliable)
+
+
 class Newest(NamedTuple):
-    """Values of the newest message, and when it came; never: -inf."""
+    """Values of the newest message, and when it was sent, by our clock; -inf if there is none."""
 
     values: tuple[float, ...]
     at_s: float
@@ -86,41 +122,42 @@ class Input:
         self._topic, self._member = Topic(member, PREFIX + topic, kind, qos=TOPIC), member
         self._reader: Any = DataReader(member, self._topic, qos=BEST_EFFORT)
         self._stamp = (0, 0)
-        self._before: tuple[float, float] | None = None  # when the message before was sent by its clock; came by ours
+        self._before: tuple[float, float] | None = None  # of the message before: sent by its own clock, and by ours
         self._began_s: float | None = None
         self._told_s: dict[str, float] = {}
 
     def share(self, now_s: float) -> float:
-        """Return how much of a force may still be felt: 1 while the newest message is fresh, 0 at twice that age."""
+        """Return the share of a force that may still be felt: 1 up to the age `fresh_s`, falling to 0 at twice it."""
         return min(max(2.0 - (now_s - self.newest.at_s) / self.fresh_s, 0.0), 1.0)
 
     def usable(self, now_s: float) -> tuple[float, ...]:
-        """Return the values of the newest message; none if it is so old that no force may be felt."""
+        """Return the values of the newest message; empty if it is so old that `share` is 0."""
         values, at_s = self.newest
         return values if now_s - at_s < 2.0 * self.fresh_s else ()
 
     def poll(self, now_s: float) -> None:
-        """Take the newest message, if there is one, and say once what is missing."""
+        """Take the newest message, if one has come, and log once what is wrong."""
         try:
             for message in self._reader.take(1):
                 if isinstance(message, self._topic.data_type):
                     self._receive(message, now_s)
-        except Exception as error:  # of a payload that is no such message
+        except Exception as error:  # the payload is no such message
             self._refuse(f"cannot be read: {error}")
         self._watch(now_s)
 
     def _receive(self, message: Any, now_s: float) -> None:
         stamp = (message.header.stamp.sec, message.header.stamp.nanosec)
         if stamp == self._stamp != (0, 0):
-            return  # repeated by a robot that has stopped, behind a node that has not
+            return  # a node repeats the last message of a robot that has stopped
         self._stamp = stamp
         values = message.values()
         # Written so that NaN, which compares false with everything, is refused too.
         if not all(-LARGEST <= each <= LARGEST for each in values):
             self._refuse("has a value that is NaN or too large")
             return
-        # A message may have waited here as long as nobody asked. It is as much younger than the one before as it was
-        # sent later; of a first one, nothing is known. The clocks need not agree.
+        # A message may have waited here since the last poll, so its arrival does not tell its age. The difference
+        # of the sender's stamps tells how much younger it is than the message before; the clocks need not agree. The
+        # age of a first message is unknown.
         sent_s = 1e-9 * message.sample_info.source_timestamp
         before, self._before = self._before, (sent_s, now_s)
         if before is None or sent_s < before[0] or now_s - before[1] > FORGET_S:
@@ -145,7 +182,7 @@ class Input:
                 self._fail(f"no {self.what}: {self._diagnosis()}")
 
     def _diagnosis(self) -> str:
-        """Return who publishes on this topic, as far as DDS tells."""
+        """Return why no message came, as far as DDS knows."""
         kinds = set()
         with contextlib.suppress(DDSException):
             found = BuiltinDataReader(self._member, BuiltinTopicDcpsPublication)
@@ -192,7 +229,7 @@ class Output:
             self.dropped += 1
 
     def watch(self, now_s: float) -> None:
-        """Say once if nobody listens."""
+        """Log once if no subscriber hears it."""
         self._began_s = now_s if self._began_s is None else self._began_s
         if self._is_told or now_s - self._began_s < PATIENCE_S:
             return
