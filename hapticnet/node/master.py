@@ -36,6 +36,7 @@ from hapticnet.protocol.states import (
     MasterEvent,
     MasterState,
     Noticed,
+    VibrationArrived,
 )
 from hapticnet.protocol.stats import Distribution
 from hapticnet.samples import Vector, checked_vector
@@ -459,6 +460,8 @@ class MasterNode:
             return
         if isinstance(event, BoundArrived):
             self._forward.set_bound(event.payload)
+            return
+        if isinstance(event, VibrationArrived):  # not asked for yet
             return
         if isinstance(event, HoldConfirmed):
             self._applied.confirm(event, now_us)

@@ -283,6 +283,8 @@ class Asking:
             raise PeerError("the grant announces the contact ahead, which was not asked for")
         if grant.predicted and not self._request.predicted:
             raise PeerError("the grant predicts the hand, which was not asked for")
+        if grant.vibration and self._request.vibration is None:
+            raise PeerError("the grant sends vibration, which was not asked for")
         share, asked = grant.position_share, self._request.position_share
         if share and not math.isclose(share, asked, rel_tol=1e-6):  # a peer may compute with float32
             raise PeerError(f"the grant gives positions a share of {share:g} of the JND; {asked:g} was asked for")

@@ -19,6 +19,7 @@ from hapticnet.protocol.messages import (
     unpack_force,
     unpack_keepalive,
     unpack_notice,
+    unpack_vibration,
 )
 from hapticnet.protocol.settings import IDLE_KEEPALIVES, SPARSE_KEEPALIVES, Entropy, SessionSettings
 from hapticnet.protocol.states import (
@@ -38,6 +39,7 @@ from hapticnet.protocol.states import (
     Refused,
     SessionLost,
     Trigger,
+    VibrationArrived,
 )
 from hapticnet.protocol.stats import Arrival, Distribution, Traffic
 from hapticnet.protocol.wire import OPEN, SEALED, Datagram, Kind, pack_body, unpack, wrap
@@ -230,6 +232,17 @@ class MasterSession:
                         stream.acknowledge(datagram.sequence, now_us)
                     stream.confirm(datagram.sequence, now_us)
                     self.events.append(HoldConfirmed(t_us))
+        elif kind is Kind.VIBRATION and self._grant is not None and self._grant.vibration:
+            vibration = unpack_vibration(body)
+            self.received.add(kind, size)
+            arrival = self._arrive(stream, datagram.sequence)
+            if arrival is Arrival.NEW or arrival is Arrival.LATE:
+                # No sign of life: it neither ends a stale link nor counts among the answers that come too late.
+                t_us = self._fresh.fresh_t_us(vibration.t_us, now_us, is_new=False)
+                if t_us is None:
+                    self.received.too_old += 1
+                else:
+                    self.events.append(VibrationArrived(t_us, vibration.payload))
         elif kind is Kind.CLOSE:
             close = unpack_close(body)
             self.received.add(kind, size)

@@ -44,6 +44,12 @@ CLOCK_US: Final = Range("clock", 0, (1 << 53) - 1, "µs")
 HELLO_SEQUENCE: Final = Range("sequence of a sealed HELLO", 0, (1 << 20) - 1)
 """The first epoch of keys (`protocol.seal`): a session that begins later could not open its datagrams."""
 
+VIBRATION_BUDGET: Final = Range("vibration budget", 500.0, 1e6, "B/s")
+"""Bytes a second that VIBRATION datagrams may take, without UDP and IP headers; half a second's can be saved up."""
+
+VIBRATION_THRESHOLD: Final = Range("vibration threshold", 0.001, 10.0, "m/s²")
+"""Amplitude of the weakest vibration that the person at the master feels, up to 250 Hz (`codec.vibration`)."""
+
 PERCENT: Final = Range("loss", 0, 100, "%")  # shares in the report of loss
 WAITED_MS: Final = Range("wait", 0, 255, "ms")
 
@@ -94,7 +100,8 @@ class Request(NamedTuple):
     times. `announced` says whether it renders models of the contact ahead. `position_share` is the share of the JND
     that positions may use, if they are sent only when they matter; 0: every position is sent. `predicted` asks
     for forces where the hand will be when they arrive. `coupling` is the name and the parameters of a coupling that
-    needs an end at the slave (docs/refer/payloads.md), or None.
+    needs an end at the slave (docs/refer/payloads.md), or None. `vibration` asks for vibration beside force: its budget
+    [B/s] and the person's threshold [m/s²]; None: not asked for.
     """
 
     codec: str
@@ -111,11 +118,15 @@ class Request(NamedTuple):
     position_share: float = 0.0
     predicted: bool = False
     coupling: tuple[str, dict[str, float]] | None = None
+    vibration: tuple[float, float] | None = None
 
     def check(self) -> None:
         """Raise SettingsError if a number is out of its range; codec and perception check theirs."""
         RATE_HZ.check(self.rate_hz)
         POSITION_SHARE.check(self.position_share)
+        if self.vibration is not None:
+            VIBRATION_BUDGET.check(self.vibration[0])
+            VIBRATION_THRESHOLD.check(self.vibration[1])
 
 
 class Cookie(NamedTuple):
@@ -144,6 +155,7 @@ class Grant(NamedTuple):
     announced: bool = False  # whether the contact ahead is announced (docs/refer/payloads.md)
     position_share: float = 0.0  # as in the request; 0 if the master must send every position
     predicted: bool = False  # whether the forces are those where the hand will be when they arrive
+    vibration: bool = False  # whether VIBRATION comes beside force
 
     def __repr__(self) -> str:
         """Return the fields without the ticket, which is not for logs."""
@@ -193,6 +205,13 @@ class Keepalive(NamedTuple):
     bound: bytes | None = None
 
 
+class Vibration(NamedTuple):
+    """Slave to master: a frame of acceleration that begins at `t_us`, and decodes alone."""
+
+    t_us: int
+    payload: bytes
+
+
 class Close(NamedTuple):
     """Either way: the session ends. The slave answers a CLOSE with a CLOSE."""
 
@@ -223,7 +242,7 @@ def unpack_hello(body: bytes) -> Hello:
 
 
 def pack_contents(contents: tuple[Any, ...]) -> bytes:
-    """Return a packed request, grant or refusal, without `coupling` and `predicted` at its end if they ask nothing."""
+    """Return a packed request, grant or refusal, without optional fields at its end that say nothing."""
     while contents[-1] is None or contents[-1] is False:
         contents = contents[:-1]
     return pack_body(contents)
@@ -231,10 +250,11 @@ def pack_contents(contents: tuple[Any, ...]) -> bytes:
 
 def unpack_request(packed: bytes) -> Request:
     """Return the request of a HELLO; raise PeerError if it is invalid. `Request.check` checks the ranges."""
-    fields = unpack_body(packed, 12, optional=2)
+    fields = unpack_body(packed, 12, optional=3)
     codec, parameters, *law, rate_hz, axes, name, ticket, clock_us, announced, share = fields[:12]
     predicted = len(fields) > 12 and fields[12]
     coupling = fields[13] if len(fields) > 13 else None
+    vibration = fields[14] if len(fields) > 14 else None
     numbers = _numbers(codec, parameters, "codec")
     if coupling is not None:
         _require(type(coupling) is tuple and len(coupling) == 2, "coupling", coupling)
@@ -248,10 +268,15 @@ def unpack_request(packed: bytes) -> Request:
     _require(type(announced) is bool, "announced", announced)
     _require(_is_number(share), "share of positions", share)
     _require(type(predicted) is bool, "predicted", predicted)
+    if vibration is not None:
+        _require(
+            type(vibration) is tuple and len(vibration) == 2 and all(map(_is_number, vibration)), "vibration", vibration
+        )
+        vibration = float(vibration[0]), float(vibration[1])
     weber_fraction, floor_n, multiplier = map(float, law)
     law_and_rate = weber_fraction, floor_n, multiplier, float(rate_hz)
     asked = announced, float(share), predicted, coupling
-    return Request(codec, numbers, *law_and_rate, axes, name, ticket, clock_us, *asked)
+    return Request(codec, numbers, *law_and_rate, axes, name, ticket, clock_us, *asked, vibration=vibration)
 
 
 def _numbers(name: Any, parameters: Any, what: str) -> dict[str, float]:
@@ -281,8 +306,9 @@ def unpack_welcome(body: bytes) -> Welcome:
 
 def unpack_grant(packed: bytes) -> Grant:
     """Return the grant of a WELCOME; raise PeerError if it is invalid."""
-    session, rate_hz, keepalive_us, scene, ticket, resumed, announced, share, *more = unpack_body(packed, 8, optional=1)
+    session, rate_hz, keepalive_us, scene, ticket, resumed, announced, share, *more = unpack_body(packed, 8, optional=2)
     predicted = bool(more) and more[0]
+    vibration = len(more) > 1 and more[1]
     _require(is_uint32(session) and session > 0, "session", session)
     _require(_is_number(rate_hz) and RATE_HZ.has(rate_hz), "rate", rate_hz)
     _require(type(keepalive_us) is int and KEEPALIVE_US.has(keepalive_us), "keepalive interval", keepalive_us)
@@ -292,7 +318,9 @@ def unpack_grant(packed: bytes) -> Grant:
     _require(type(announced) is bool, "announced", announced)
     _require(_is_number(share) and POSITION_SHARE.has(share), "share of positions", share)
     _require(type(predicted) is bool, "predicted", predicted)
-    return Grant(session, float(rate_hz), keepalive_us, scene, ticket, resumed, announced, float(share), predicted)
+    _require(type(vibration) is bool, "vibration", vibration)
+    asked = announced, float(share), predicted, vibration
+    return Grant(session, float(rate_hz), keepalive_us, scene, ticket, resumed, *asked)
 
 
 def unpack_grant_or_refusal(packed: bytes) -> Grant | Refusal:
@@ -365,6 +393,14 @@ def unpack_keepalive(body: bytes) -> Keepalive:
     if not (is_uint32(t_us) and (newest_force is None or is_uint32(newest_force))):
         raise PeerError("KEEPALIVE of the wrong types")
     return Keepalive(t_us, newest_force, _bound(more))
+
+
+def unpack_vibration(body: bytes) -> Vibration:
+    """Return the VIBRATION in a body; raise PeerError if it is invalid. Its payload is not read."""
+    t_us, payload = unpack_body(body, 2)
+    if not (is_uint32(t_us) and type(payload) is bytes):
+        raise PeerError("VIBRATION of the wrong types")
+    return Vibration(t_us, payload)
 
 
 def unpack_close(body: bytes) -> Close:

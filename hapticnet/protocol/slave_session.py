@@ -13,6 +13,7 @@ from hapticnet.protocol.messages import (
     Keepalive,
     Notice,
     Request,
+    Vibration,
     Welcome,
     clipped,
     pack_answer,
@@ -195,8 +196,12 @@ class SlaveSession:
         self._move(trigger)
         self.end_reason = reason
 
-    def _datagram(self, kind: Kind, message: Force | Keepalive | Close | Notice, now_us: int) -> bytes:
-        if isinstance(message, Close | Notice):
+    def vibration(self, t_us: int, payload: bytes, now_us: int) -> bytes:
+        """Return a VIBRATION with the frame that begins at `t_us`; its loss is not repaired."""
+        return self._datagram(Kind.VIBRATION, Vibration(wrap(t_us), payload), now_us)
+
+    def _datagram(self, kind: Kind, message: Force | Keepalive | Vibration | Close | Notice, now_us: int) -> bytes:
+        if isinstance(message, Vibration | Close | Notice):
             body = pack_body(message)
         else:
             body = pack_answer(message)

@@ -102,6 +102,14 @@ class BoundArrived:
 
 
 @dataclass(frozen=True, slots=True)
+class VibrationArrived:
+    """A frame of vibration that begins at `t_us` [µs]."""
+
+    t_us: int
+    payload: bytes
+
+
+@dataclass(frozen=True, slots=True)
 class HoldConfirmed:
     """Position `t_us` [µs] arrived, and nothing is newer than the applied force; `is_parting` as above."""
 
@@ -178,6 +186,7 @@ MasterEvent: TypeAlias = (
     | ForceArrived
     | BoundArrived
     | HoldConfirmed
+    | VibrationArrived
     | LinkStale
     | LinkRecovered
     | SessionLost

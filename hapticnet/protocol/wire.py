@@ -75,6 +75,7 @@ class Kind(enum.IntEnum):
     RESET = 8
     COOKIE = 9
     NOTICE = 10
+    VIBRATION = 11
 
 
 _pack = msgpack.Packer().pack  # one packer for all datagrams: a new one for each would double the cost

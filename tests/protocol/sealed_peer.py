@@ -11,8 +11,9 @@ import msgpack
 from noise.connection import Keypair, NoiseConnection
 
 NAME = b"Noise_IKpsk2_25519_ChaChaPoly_BLAKE2s"
-HELLO, WELCOME, REFUSE, POSITION, FORCE, KEEPALIVE, CLOSE, RESET, COOKIE, NOTICE = range(1, 11)
 NAMES = ["HELLO", "WELCOME", "REFUSE", "POSITION", "FORCE", "KEEPALIVE", "CLOSE", "RESET", "COOKIE", "NOTICE"]
+NAMES.append("VIBRATION")
+HELLO, WELCOME, REFUSE, POSITION, FORCE, KEEPALIVE, CLOSE, RESET, COOKIE, NOTICE, VIBRATION = range(1, 12)
 KINDS = dict(enumerate(NAMES, start=1))
 
 

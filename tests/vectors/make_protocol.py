@@ -16,8 +16,9 @@ NOTE = (
     " HELLO's padding; 'contents' are those of the request in a HELLO and of the grant in a WELCOME."
 )
 
-HELLO, WELCOME, REFUSE, POSITION, FORCE, KEEPALIVE, CLOSE, RESET, COOKIE, NOTICE = range(1, 11)
 NAMES = ["HELLO", "WELCOME", "REFUSE", "POSITION", "FORCE", "KEEPALIVE", "CLOSE", "RESET", "COOKIE", "NOTICE"]
+NAMES.append("VIBRATION")
+HELLO, WELCOME, REFUSE, POSITION, FORCE, KEEPALIVE, CLOSE, RESET, COOKIE, NOTICE, VIBRATION = range(1, 12)
 HELLO_BYTES = 400
 SESSION = 0xDEADBEEF
 NONCE = 0x01020304
@@ -28,6 +29,8 @@ CONTINUING = ["level-crossing", {"hysteresis": 0.25}, 0.1, 0.0, 1.5, 500.0, 3, "
 GRANT = [SESSION, 1000.0, 45_000, "paper:1", TICKET, False, False, 0.0]
 AHEAD = [*REQUEST, True]
 PREDICTED = [SESSION + 2, *GRANT[1:], True]
+FELT = [*REQUEST, False, None, [4000.0, 0.1]]
+VIBRATES = [SESSION + 3, *GRANT[1:], False, True]
 RESUMED = [SESSION + 1, 500.0, 45_000, "three axes", TICKET, True, True, 0.25]
 
 
@@ -55,9 +58,11 @@ OPENING = [
     ("hello with the cookie", "all else is the same", HELLO, 0, [NONCE, COOKIE_VALUE, packed(REQUEST), b""], REQUEST),
     ("hello that continues", "with the ticket of an earlier session", HELLO, 0, CONTINUED, CONTINUING),
     ("hello that asks for prediction", "a last field more", HELLO, 0, [NONCE, b"", packed(AHEAD), b""], AHEAD),
+    ("hello that asks for vibration", "its budget and threshold", HELLO, 0, [NONCE, b"", packed(FELT), b""], FELT),
     ("welcome", "grants session 0xdeadbeef", WELCOME, SESSION, [NONCE, packed(GRANT)], GRANT),
     ("welcome that resumes", "goes on with a scene", WELCOME, SESSION + 1, [NONCE + 1, packed(RESUMED)], RESUMED),
     ("welcome that predicts", "the same", WELCOME, SESSION + 2, [NONCE, packed(PREDICTED)], PREDICTED),
+    ("welcome with vibration", "the same", WELCOME, SESSION + 3, [NONCE, packed(VIBRATES)], VIBRATES),
     ("refuse", "", REFUSE, 0, [NONCE, "unknown codec 'mp3'; there are: raw, deadband", 2], None),
 ]
 """Name, note, kind, session, fields, contents; the sequence is 0."""
@@ -77,6 +82,7 @@ IN_SESSION = [
     ("numbers that wrapped", "1.1 N", FORCE, 0, [999, number("3f8ccccd")]),
     ("force as float64", "0.1 N where float32 is not within the threshold", FORCE, 3, [3000, DOUBLE]),
     ("three axes", "1, -2, 3 N", FORCE, 4, [4000, THREE_AXES]),
+    ("vibration", "the breach of vibration.json, from 40 ms on", VIBRATION, 7, [40_000, number("10478ac71b92")]),
     ("close", "", CLOSE, 70_000, ["done", 0]),
     ("notice", "the session goes on", NOTICE, 70_000, ["this slave is about to stop", 8]),
     ("reset", "the body is empty", RESET, 70_001, []),

@@ -68,7 +68,7 @@ def frames():
     yield "four elements", msgpack.packb(framed()[:4]), "dropped"
     yield "six elements", msgpack.packb([*framed(), 0]), "dropped"
     yield "version 3", msgpack.packb(framed(version=3)), "dropped"
-    for what, value in (TOO_BIG | {"0": 0, "11": 11}).items():
+    for what, value in (TOO_BIG | {"0": 0, "12": 12}).items():
         yield f"kind is {what}", msgpack.packb(framed(kind=value)), "dropped"
     for name in ("session", "sequence"):
         for what, value in TOO_BIG.items():
@@ -145,11 +145,21 @@ def by_repr(*values):
 
 def requests():
     yield "as it is", REQUEST, "taken"
-    yield "fields of a later revision", [*REQUEST, False, None, 7], "taken"
+    yield "fields of a later revision", [*REQUEST, False, None, None, 7], "taken"
     yield "predicted is 1", [*REQUEST, 1], "dropped"
     yield "a coupling that is a number", [*REQUEST, False, 7], "dropped"
     yield "a coupling without parameters", [*REQUEST, False, ["wave"]], "dropped"
     yield "a coupling with text as a parameter", [*REQUEST, False, ["wave", {"b": "0.3"}]], "dropped"
+    yield "vibration", [*REQUEST, False, None, [4000.0, 0.1]], "taken"
+    for what, value in {
+        "a number": 4000.0,
+        "one number": [4000.0],
+        "text": ["4000", 0.1],
+        "NaN": [math.nan, 0.1],
+    }.items():
+        yield f"vibration is {what}", [*REQUEST, False, None, value], "dropped"
+    for value in ([499.0, 0.1], [1e7, 0.1], [4000.0, 0.0], [4000.0, 11.0]):
+        yield f"vibration is {value}", [*REQUEST, False, None, value], 3
     yield "a coupling that is not known", [*REQUEST, False, ["rope", {}]], 2
     yield "eleven fields", REQUEST[:11], "dropped"
     yield "a codec that is not known", ["mp3", *REQUEST[1:]], 2
@@ -184,9 +194,11 @@ def requests():
 
 def grants():
     yield "as it is", GRANT, "taken"
-    yield "fields of a later revision", [*GRANT, False, 7], "taken"
+    yield "fields of a later revision", [*GRANT, False, False, 7], "taken"
     yield "predicted is 1", [*GRANT, 1], "dropped"
     yield "predicted, which was not asked for", [*GRANT, True], "dropped"
+    yield "vibration is 1", [*GRANT, False, 1], "dropped"
+    yield "vibration, which was not asked for", [*GRANT, False, True], "dropped"
     yield "seven fields", GRANT[:7], "dropped"
     yield "announced, which was not asked for", [*GRANT[:6], True, 0.0], "dropped"
     yield "a share, which was not asked for", [*GRANT[:7], 0.25], "dropped"

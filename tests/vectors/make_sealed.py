@@ -9,7 +9,19 @@ from pathlib import Path
 import msgpack
 from cryptography.hazmat.primitives.asymmetric.x25519 import X25519PrivateKey
 
-from tests.protocol.sealed_peer import CLOSE, FORCE, HELLO, KEEPALIVE, KINDS, NOTICE, POSITION, Master, Slave, unpack
+from tests.protocol.sealed_peer import (
+    CLOSE,
+    FORCE,
+    HELLO,
+    KEEPALIVE,
+    KINDS,
+    NOTICE,
+    POSITION,
+    VIBRATION,
+    Master,
+    Slave,
+    unpack,
+)
 from tests.vectors import make_protocol
 from tests.vectors.make_protocol import COOKIE_VALUE, GRANT, NONCE, plain
 
@@ -37,6 +49,7 @@ FROM_SLAVE = [
     ("keepalive", KEEPALIVE, 2, [124_456, 1]),
     ("force with a longer head", FORCE, 70_000, [125_456, bytes(range(240))]),
     ("notice", NOTICE, 70_001, ["this slave is about to stop", 8]),
+    ("vibration", VIBRATION, 70_002, [116_456, bytes(range(6))]),
     ("first keepalive of epoch 1", KEEPALIVE, EPOCH, [126_456, 70_000]),
     ("close by the slave", CLOSE, EPOCH + 1, ["the master closed", 0]),
 ]
