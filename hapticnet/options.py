@@ -151,7 +151,7 @@ Operator: TypeAlias = Annotated[
         "Source of positions: scripted (insertions, the default), palpation[:axes=2] (on three or two axes),"
         " hand:NAME[,KEY=VALUE…] (a hand that the force moves: arm, stiff-arm, tired-arm, finger), page (the live page;"
         " the default with --page), trace:FILE[:COLUMN,…] (a recording),"
-        " udp:[HOST:]PORT[:axes=N] (another program), or a class of yours with sample(t_us): FILE.py:CLASS or"
+        " udp:[HOST:]PORT[,axes=N] (another program), or a class of yours with sample(t_us): FILE.py:CLASS or"
         " package.module:CLASS.",
         "OPERATOR",
     ),
@@ -201,8 +201,8 @@ Scene: TypeAlias = Annotated[
     str,
     Option(
         "Scene for masters: paper, paper:SEED, a preset, FILE.toml, recording:FILE[:COLUMN,…] (a force in its own"
-        " time), or a class of yours with step(sample): FILE.py:CLASS or package.module:CLASS, then :KEY=VALUE,… for"
-        " its arguments.",
+        " time), udp:[HOST:]PORT[,KEY=VALUE…] (another program), or a class of yours with step(sample): FILE.py:CLASS"
+        " or package.module:CLASS, then :KEY=VALUE,… for its arguments.",
         "SCENE",
     ),
 ]

@@ -7,6 +7,7 @@ network.
 import importlib
 import importlib.util
 import inspect
+import json
 import re
 import reprlib
 import sys
@@ -184,6 +185,16 @@ def failure(method: str, error: BaseException) -> UserCodeError:
     """Return the error to report for an exception in a user's method; raise a KeyboardInterrupt again."""
     words = raised(error)
     return error if isinstance(error, UserCodeError) else UserCodeError(f"{method} raised {words}")
+
+
+def report_of(made: Any) -> dict[str, Any]:
+    """Return what a user's object reports, fit for JSON; empty if it has no ``report()``."""
+    try:
+        # Through JSON, so that its content cannot break the report of the run.
+        reported = json.dumps(made.report(), default=str) if hasattr(made, "report") else "{}"
+        return dict(json.loads(reported))
+    except BaseException as error:
+        return {"report": str(failure(f"{type(made).__name__}.report", error))}
 
 
 def close_user_object(made: Any, what: str) -> str | None:

@@ -20,11 +20,12 @@ from hapticnet.options import Option, check_options, described
 from hapticnet.protocol.settings import SessionSettings
 from hapticnet.runtime.overload import Overload
 from hapticnet.runtime.runners import SlaveRunner, slave_report
+from hapticnet.runtime.scene_port import find_live_source
 from hapticnet.runtime.system import SystemEntropy, now_us, scheduling, waited_us
 from hapticnet.runtime.trust import SlaveTrust, slave_trust
 from hapticnet.runtime.udp import bound_address, host_of, is_loopback, listen, parse_host_port, text_of
 from hapticnet.scene.base import HasStep, Touchable
-from hapticnet.scene.sources import as_touchable, find_source
+from hapticnet.scene.sources import as_touchable
 
 SceneLike: TypeAlias = str | HasStep | Callable[[], HasStep]
 """The name of a scene, an object with a method ``step``, or a function that makes one for each master."""
@@ -41,8 +42,9 @@ class SlaveSetup(options.SharedSlaveOptions):
     scene: Annotated[
         SceneLike,
         Option(
-            'What masters touch: the name of a scene (``"paper:SEED"``, a preset, a .toml file, ``"FILE.py:Class"``),'
-            " an object with a method ``step(sample)`` that returns the force [N], or a class or function that makes"
+            'What masters touch: the name of a scene (``"paper:SEED"``, a preset, a .toml file, ``"udp:PORT"``,'
+            ' ``"FILE.py:Class"``), an object with a method ``step(sample)`` that returns the force [N], or a class or'
+            " function that makes"
             " such an object for each master. An object is touched by one master at a time."
         ),
     ] = "paper:0"
@@ -98,8 +100,10 @@ class SlaveSetup(options.SharedSlaveOptions):
         """Return the factory of scenes, and how many masters may be served at once."""
         given = self.scene
         if isinstance(given, str):
-            source = find_source(given)
+            source = find_live_source(given)
             source.prepare()
+            for risk in source.risks:
+                LOG.warning(risk)
             self._closing.append(source.close)
             return source.make, self.most_sessions
         if hasattr(given, "step") and not isinstance(given, type):

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from hapticnet.user_code import UserClass
 
 OPERATORS: Final = (
-    "scripted, palpation[:axes=2], hand:NAME[,KEY=VALUE…], page, trace:FILE[:COLUMN,…], udp:[HOST:]PORT[:axes=N],"
+    "scripted, palpation[:axes=2], hand:NAME[,KEY=VALUE…], page, trace:FILE[:COLUMN,…], udp:[HOST:]PORT[,axes=N],"
     " haply[:HOST:PORT][,KEY=VALUE…], FILE.py:CLASS[:KEY=VALUE,…] and package.module:CLASS[:KEY=VALUE,…]"
 )
 
@@ -81,7 +81,7 @@ def make_operator(
         for note in notes:
             say(f"{file}: {note}")
         return Hand(operator, file)
-    return _remote(spec, rest, say, warn)
+    return _remote(spec, say, warn)
 
 
 def check_operator(spec: str) -> "UserClass | None":
@@ -111,7 +111,7 @@ def check_operator(spec: str) -> "UserClass | None":
     if kind == "palpation" and rest not in ("", "axes=2", "axes=3"):
         raise SettingsError(f"operator {spec!r}: expected palpation, palpation:axes=2 or palpation:axes=3")
     if kind == "udp" and rest:
-        _remote_address(spec, rest)
+        _remote_address(spec)
     elif not (spec in ("page", "scripted") or kind == "palpation" or (kind == "trace" and rest)):
         found = find_user_class(spec, "operator")
         if found is None:
@@ -146,13 +146,13 @@ def _haply(spec: str, say: Callable[[str], None], warn: Callable[[str], None]) -
     return Hand(operator, None, [HaplyPort(operator, address, say)])
 
 
-def _remote(spec: str, rest: str, say: Callable[[str], None], warn: Callable[[str], None]) -> Hand:
-    """Return the operator udp:`rest`, with its socket open."""
+def _remote(spec: str, say: Callable[[str], None], warn: Callable[[str], None]) -> Hand:
+    """Return the operator of a program, with its socket open."""
     from hapticnet.operator.remote import RemoteOperator
     from hapticnet.runtime.hand_port import HandPort
     from hapticnet.runtime.udp import bound_address, is_loopback, listen
 
-    address, axes = _remote_address(spec, rest)
+    address, axes = _remote_address(spec)
     operator = RemoteOperator(axes)
     sock = listen(address)
     bound = bound_address(sock)
@@ -162,20 +162,17 @@ def _remote(spec: str, rest: str, say: Callable[[str], None], warn: Callable[[st
     return Hand(operator, None, [HandPort(operator, sock, say)])
 
 
-def _remote_address(spec: str, rest: str) -> "tuple[HostPort, int]":
-    """Return address and axes of udp:[HOST:]PORT[:axes=N]."""
+def _remote_address(spec: str) -> "tuple[HostPort, int]":
+    """Return address and axes of udp:[HOST:]PORT[,axes=N]."""
     from hapticnet.errors import SettingsError
+    from hapticnet.plain_datagrams import parse_program
     from hapticnet.runtime.udp import parse_host_port
 
-    axes = "1"
-    place, separator, option = rest.rpartition(":")
-    if "=" in option:
-        key, _, axes = option.partition("=")
-        if key != "axes" or axes not in ("1", "2", "3") or not separator:
-            raise SettingsError(f"operator {spec!r}: expected udp:[HOST:]PORT, or udp:[HOST:]PORT:axes=1, 2 or 3")
-    else:
-        place = rest
-    return parse_host_port(place if ":" in place else f"127.0.0.1:{place}", lowest_port=0), int(axes)
+    place, values = parse_program(spec, "operator", ("axes",))
+    axes = values.get("axes", "1")
+    if axes not in ("1", "2", "3"):
+        raise SettingsError(f"operator {spec!r}: axes is {axes!r}; it must be 1, 2 or 3")
+    return parse_host_port(place, lowest_port=0), int(axes)
 
 
 def _trace(whole: str) -> tuple[Path, str | None]:

@@ -18,7 +18,15 @@ from hapticnet.control.couplings import register_installed_couplings
 from hapticnet.errors import FileError, RunError, SettingsError
 from hapticnet.experiment.provenance import provenance
 from hapticnet.files import check_folder
-from hapticnet.node.events import MasterJoined, MasterLeft, MasterRefused, ScenePaused, SceneResumed, SlaveEvent
+from hapticnet.node.events import (
+    MasterJoined,
+    MasterLeft,
+    MasterRefused,
+    ScenePaused,
+    SceneResumed,
+    SceneSaid,
+    SlaveEvent,
+)
 from hapticnet.node.settings import SlaveSettings
 from hapticnet.node.slave import SlaveNode
 from hapticnet.node.step_times import StepsTooSlow
@@ -31,13 +39,13 @@ from hapticnet.recordings.session.mcap_writer import DISTURBANCES
 from hapticnet.runtime.overload import Overload
 from hapticnet.runtime.recorder import SlaveRecording
 from hapticnet.runtime.runners import run_slave, slave_report
+from hapticnet.runtime.scene_port import find_live_source
 from hapticnet.runtime.signals import Rescue
 from hapticnet.runtime.system import OTHER, now_us, policy, prefer_realtime, run
 from hapticnet.runtime.trust import Guests, slave_trust
 from hapticnet.runtime.udp import bound_address, is_loopback, parse_host_port, text_of
 from hapticnet.runtime.udp import listen as listen_on
 from hapticnet.runtime.watching import Watcher
-from hapticnet.scene.sources import find_source
 
 if TYPE_CHECKING:
     from hapticnet.node.slave_context import SlaveContext
@@ -56,13 +64,15 @@ def serve(options: SlaveOptions) -> None:
     if options.record_dir is not None:
         check_format(Path(f"session.{options.record_format}"))
         check_folder(options.record_dir)
-    source = find_source(options.scene)
+    source = find_live_source(options.scene)
     source.prepare()
     chosen = {"--record-format": options.record_format != "csv", "--record-limit": options.record_limit != RECORD_LIMIT}
     unrecorded = options.record_dir is None
     console.warn_of_unused({name: (unrecorded and given, "it needs --record-dir") for name, given in chosen.items()})
     for note in source.notes:
         console.say(f"{source.file}: {note}")
+    for risk in source.risks:
+        console.warn(risk)
     out = parse_channel(options.channel_out)
     sock = listen_on(parse_host_port(options.listen, lowest_port=0))
     address = bound_address(sock)
@@ -243,6 +253,8 @@ def in_words(event: SlaveEvent, listed: str | None = None) -> str:
         return f"{who(event.context)} joined from {where}: {request.codec}, asks for {request.rate_hz:g} Hz"
     if isinstance(event, ScenePaused):
         return f"{who(event.context)} feels nothing from now on: {event.reason}"
+    if isinstance(event, SceneSaid):
+        return f"{who(event.context)}: {event.line}"
     if isinstance(event, SceneResumed):
         return f"{who(event.context)} feels the scene again"
     if isinstance(event, MasterLeft):

@@ -1,6 +1,5 @@
 """A fingertip device of the user's: anything with a method ``exchange`` or ``apply``."""
 
-import json
 import math
 from numbers import Real
 from typing import TYPE_CHECKING, Any, Final, Protocol
@@ -10,7 +9,7 @@ from hapticnet.device.base import Device, Reading
 from hapticnet.errors import SettingsError, UserCodeError, printable, shortened
 from hapticnet.hardware import MAX_FORCE_N
 from hapticnet.samples import LARGEST_COMPONENT
-from hapticnet.user_code import attribute_of, failure, method_of, raised, short
+from hapticnet.user_code import attribute_of, failure, method_of, raised, report_of, short
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -64,12 +63,7 @@ class UserObject:
 
     def report(self) -> dict[str, Any]:
         """Return the object's report; empty if it has no such method."""
-        try:
-            # Through JSON, so that its content cannot break the report of the run.
-            reported = json.dumps(self.made.report(), default=str) if hasattr(self.made, "report") else "{}"
-            return dict(json.loads(reported))
-        except BaseException as error:
-            return {"report": str(failure(f"{type(self.made).__name__}.report", error))}
+        return report_of(self.made)
 
     def refuse(self, result: Any, wanted: str) -> UserCodeError:
         """Return the error of a method that returned something other than `wanted`."""

@@ -165,6 +165,14 @@ class SceneResumed:
 
 
 @dataclass(frozen=True, slots=True)
+class SceneSaid:
+    """The scene of a session has a message for a person, such as that its robot has stopped."""
+
+    context: SlaveContext
+    line: str
+
+
+@dataclass(frozen=True, slots=True)
 class MasterRefused:
     """A master with a proved address was refused; `public` is the key it proved to have, None: an open session."""
 
@@ -175,4 +183,6 @@ class MasterRefused:
     reason: str
 
 
-SlaveEvent: TypeAlias = MasterJoined | MasterLeft | MasterRefused | ScenePaused | SceneResumed | StepsTooSlow
+SlaveEvent: TypeAlias = (
+    MasterJoined | MasterLeft | MasterRefused | ScenePaused | SceneResumed | SceneSaid | StepsTooSlow
+)

@@ -6,7 +6,15 @@ from typing import Any, Final
 
 from hapticnet.errors import PeerError
 from hapticnet.node.admission import Admission, LineSteps, MakeScene, NoSeatError, RefusalError, SessionTable
-from hapticnet.node.events import MasterJoined, MasterLeft, MasterRefused, ScenePaused, SceneResumed, SlaveEvent
+from hapticnet.node.events import (
+    MasterJoined,
+    MasterLeft,
+    MasterRefused,
+    ScenePaused,
+    SceneResumed,
+    SceneSaid,
+    SlaveEvent,
+)
 from hapticnet.node.feedback import SceneFailedError
 from hapticnet.node.settings import SlaveSettings
 from hapticnet.node.slave_context import SlaveContext
@@ -126,7 +134,8 @@ class SlaveNode:
 
         `waited_us` returns the total time [µs] that this thread has waited for a processor.
 
-        Slow code is reported once as an event, and to its masters once a second while it lasts. After `drain`, the
+        Slow code is reported once as an event, and to its masters once a second while it lasts; a message of a scene
+        as an event and to its master. After `drain`, the
         masters are notified that the slave is about to stop.
         """
         if self.draining:
@@ -139,6 +148,10 @@ class SlaveNode:
             slow = context.slow if context.seated else None
             if slow is not None:
                 self._notify(context, str(slow.warning), Code.SLOW, now_us)
+            line = context.next_line() if context.seated else None
+            if line is not None:
+                self._events.append(SceneSaid(context, line))
+                self._notify(context, line, Code.OTHER, now_us)
 
     def drain(self, now_us: int) -> None:
         """Accept no new masters from now on, and notify the present ones; they may finish until `close`."""

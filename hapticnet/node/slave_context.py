@@ -1,6 +1,6 @@
 """One master's context at the slave: session, scene, codec and report."""
 
-from collections.abc import Hashable
+from collections.abc import Callable, Hashable
 from dataclasses import asdict
 from typing import Any, Final, TypeAlias
 
@@ -10,7 +10,7 @@ from hapticnet.codec.positions import PromisedLine, unpack_line
 from hapticnet.codec.registry import codec_parameters
 from hapticnet.codec.schemes.raw import Raw
 from hapticnet.control.couplings import SlaveEnd
-from hapticnet.errors import PeerError, SampleError, UserCodeError, in_words
+from hapticnet.errors import PeerError, SampleError, UserCodeError, in_words, printable, shortened
 from hapticnet.measure.running_error import RunningError
 from hapticnet.node.decoders import read_state
 from hapticnet.node.feedback import Feedback, SceneFailedError
@@ -24,11 +24,13 @@ from hapticnet.protocol.slave_session import SlaveSession
 from hapticnet.protocol.wire import Datagram, Kind
 from hapticnet.samples import PositionSample, Vector, checked_vector, new_tuple
 from hapticnet.scene.base import Touchable, bound_method, breaches_of
+from hapticnet.user_code import report_of
 from hapticnet.vectors import along
 
 MOST_SUCCESSORS: Final = 16
 """Most remembered successors of a session: a master with a bad link may need several tries."""
 
+LONGEST_LINE: Final = 200  # most characters of a scene's message
 
 _Answered: TypeAlias = tuple[PositionSample, Vector, Vector, bytes | None, bytes | None, int]
 """An answer not yet accounted for: position, its force, the encoded force, payload of the FORCE if any,
@@ -106,6 +108,7 @@ class SlaveContext:
         self._ahead: ForceAhead | None = None
         self._period_us = 1e6 / grant.rate_hz
         what = getattr(scene, "what", f"scene {scene.name}")
+        self._next_line: Callable[[], Any] | None = getattr(scene, "next_line", None)
         self._scene_time = times.of(what)
         self._copy_time = times.of(f"the copy of {what}") if grant.predicted else NOT_TIMED
         self._codec_time = times.of_codec(codec)
@@ -318,6 +321,16 @@ class SlaveContext:
         times = self._scene_time, self._copy_time, self._codec_time
         return next((each for each in times if each.is_slow), None)
 
+    def next_line(self) -> str | None:
+        """Return the next message of the scene for a person, or None."""
+        if self._next_line is None:
+            return None
+        try:
+            line = self._next_line()
+        except Exception as error:  # a user's scene may raise anything
+            self._next_line, line = None, in_words(error)
+        return None if line is None else shortened(printable(str(line)), LONGEST_LINE)
+
     def resume(self) -> None:
         """Step the scene again after it has failed."""
         self.paused = None
@@ -387,6 +400,7 @@ class SlaveContext:
             "between": self.between,
             "superseded": self.superseded,
             "breaches": breaches_of(self.scene),
+            "scene_report": report_of(self.scene),
             "announced": self.feedback.report(),
             "predicted": None if self._ahead is None else self._ahead.report(),
             "packet_rate_reduction": 1.0 - forces / self.steps if self.steps else None,

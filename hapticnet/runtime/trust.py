@@ -11,7 +11,8 @@ from hapticnet.protocol.keys import NO_PSK, MasterEntry, MasterKey, Roster, form
 from hapticnet.protocol.messages import Code
 from hapticnet.protocol.settings import Entropy
 from hapticnet.protocol.wire import OPEN, SEALED
-from hapticnet.scene.sources import SceneSource, find_source
+from hapticnet.runtime.scene_port import find_live_source
+from hapticnet.scene.sources import SceneSource
 
 
 class Guests:
@@ -55,7 +56,7 @@ def read_guests(file: Path, own: bytes) -> tuple[Roster, dict[str, SceneSource]]
             )
         if entry.scene is not None and entry.scene not in scenes:
             try:
-                scenes[entry.scene] = find_source(entry.scene, file.parent)
+                scenes[entry.scene] = find_live_source(entry.scene, file.parent)
             except (FileError, SettingsError) as error:
                 raise type(error)(f"{where}: {error}") from error
     return roster, scenes

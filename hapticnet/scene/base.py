@@ -8,7 +8,7 @@ from hapticnet.errors import SettingsError, UserCodeError
 from hapticnet.samples import ForceSample, PositionSample
 from hapticnet.scene.ahead import LookAhead
 from hapticnet.stiffness_bound import StiffnessBound
-from hapticnet.user_code import attribute_of, axes_of, failure, method_of, raised, short, vector_from
+from hapticnet.user_code import attribute_of, axes_of, failure, method_of, raised, report_of, short, vector_from
 
 
 class Touchable(Protocol):
@@ -19,6 +19,9 @@ class Touchable(Protocol):
     exception refuses the session. If it has a method ``ahead()``, that returns the layers to be met after the newest
     position: a sequence of `scene.ahead.LayerAhead`, the nearest first, or None if unknown. It is
     called after a step, at most as often as ``step``, and must not wait.
+
+    If it has a method ``next_line()``, that returns the next message for a person, or None; it is asked a few times a
+    second, and its masters are told too. If it has a method ``report()``, the session's report has what that returns.
 
     If it has a method ``stiffness_bound()``, that returns a `StiffnessBound` for the newest position, or None if
     unknown. Such a scene may be stepped at positions that the master did not send, but that are within the box
@@ -91,9 +94,9 @@ class UserScene:
 
     Its ``step(sample)`` is called with a `PositionSample` and returns a `ForceSample`, a number, or a sequence of
     numbers, one for each axis [N]. Optional attributes: ``axes`` (1 to 3; default 1), ``name``, ``breaches`` and
-    ``moves_ahead_n``; optional methods: ``welcome(master)``, ``ahead()``, ``stiffness_bound()`` and ``copy()``. `what`
-    names the object in messages, such as "scene own.py:Mine". Raise SettingsError if ``step`` cannot be called with one
-    argument, or an attribute cannot be used.
+    ``moves_ahead_n``; optional methods: ``welcome(master)``, ``next_line()``, ``report()``, ``ahead()``,
+    ``stiffness_bound()`` and ``copy()``. `what` names the object in messages, such as "scene own.py:Mine". Raise
+    SettingsError if ``step`` cannot be called with one argument, or an attribute cannot be used.
     """
 
     __slots__ = (
@@ -105,6 +108,7 @@ class UserScene:
         "copy",
         "moves_ahead_n",
         "name",
+        "next_line",
         "stiffness_bound",
         "touched",
         "what",
@@ -122,6 +126,7 @@ class UserScene:
         self.name = name
         # The object's methods of these names; None if it has none
         self.ahead: LookAhead | None = self._optional("ahead")
+        self.next_line: Callable[[], str | None] | None = self._optional("next_line")
         self.stiffness_bound: Callable[[], StiffnessBound | None] | None = self._optional("stiffness_bound")
         moves_ahead_n = attribute_of(touched, "moves_ahead_n", 0.0, what)
         is_number = isinstance(moves_ahead_n, int | float) and type(moves_ahead_n) is not bool
@@ -138,6 +143,10 @@ class UserScene:
         except BaseException as error:  # it is for reports only
             raised(error)
             return 0
+
+    def report(self) -> dict[str, Any]:
+        """Return the object's report; empty if it has no such method."""
+        return report_of(self.touched)
 
     def welcome(self, master: str) -> None:
         """Tell the object the name of its master, if it has a method ``welcome``."""

@@ -18,6 +18,7 @@ import numpy as np
 from hapticnet.checks import meant
 from hapticnet.errors import FileError, SettingsError
 from hapticnet.files import user_path
+from hapticnet.plain_datagrams import is_program
 from hapticnet.recordings.loading import Columns, load_recording
 from hapticnet.samples import LARGEST_COMPONENT, Vector
 from hapticnet.scene.base import UserScene
@@ -100,8 +101,8 @@ def find_scene(spec: str, folder: Path = Path()) -> AnySceneSettings:
     if path is None:
         raise SettingsError(
             f"unknown scene {spec!r}{meant(spec, ['paper', *scene_names()])}; choose from paper, paper:SEED,"
-            f" {', '.join(scene_names())}, the path of a .toml file, recording:FILE, FILE.py:CLASS or"
-            " package.module:CLASS"
+            f" {', '.join(scene_names())}, the path of a .toml file, recording:FILE, udp:[HOST:]PORT, FILE.py:CLASS"
+            " or package.module:CLASS"
         )
     from hapticnet.documents import read_document
 
@@ -180,6 +181,7 @@ class SceneSource:
         self.name = settings.name
         self.file = file  # file that the source is read from, or None
         self.notes: tuple[str, ...] = ()  # notes for the user about that file
+        self.risks: tuple[str, ...] = ()  # warnings for the user
         self._settings = settings
 
     def prepare(self) -> None:
@@ -204,7 +206,7 @@ class UserSource(SceneSource):
     def __init__(self, found: "UserClass") -> None:
         self.name = found.source
         self.file = found.file
-        self.notes = ()
+        self.notes = self.risks = ()
         self._found = found
         self.shared = getattr(found.found, "shared", False) is True
         self._stock: UserScene | None = None
@@ -257,7 +259,7 @@ class RecordedSource(SceneSource):
             )
         self.name = f"recording:{file.name}"[:64]
         self.file = file
-        self.notes = recording.notes
+        self.notes, self.risks = recording.notes, ()
         self.axes = int(recording.force.shape[1])
         self._recording = recording
 
@@ -280,6 +282,8 @@ def find_source(spec: str, folder: Path = Path()) -> SceneSource:
         if not colon or (folder / user_path(text)).exists():  # a file may have a colon in its name
             return RecordedSource(folder / user_path(text))
         return RecordedSource(folder / user_path(place), columns)
+    if is_program(spec):
+        raise SettingsError(f"scene {spec!r} is a program that runs in real time; only a slave can ask it")
     if spec not in scene_names() and not spec.startswith("paper:") and not spec.endswith(".toml"):
         found = find_user_class(spec, "scene", folder)
         if found is not None:

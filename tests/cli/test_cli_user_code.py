@@ -77,7 +77,7 @@ def test_a_class_of_the_user_is_an_operator():
 
 def test_a_udp_operator_listens_on_loopback_unless_a_host_is_named():
     said = []
-    hands = [make(spec, said) for spec in ("udp:0", "udp:127.0.0.1:0:axes=3", "udp:0.0.0.0:0")]
+    hands = [make(spec, said) for spec in ("udp:0", "udp:127.0.0.1:0,axes=3", "udp:0.0.0.0:0")]
     for each in hands:
         asyncio.run(each.watchers[0].stop())
     hand = hands[0]
@@ -99,7 +99,8 @@ def test_a_udp_operator_listens_on_loopback_unless_a_host_is_named():
         ),
         ("palpation:axes=4", "expected palpation"),
         ("udp:fast", "port 'fast' of address"),
-        ("udp:1234:axes=4", r"expected udp:\[HOST:\]PORT, or udp:\[HOST:\]PORT:axes=1, 2 or 3"),
+        ("udp:1234,axes=4", "axes is '4'; it must be 1, 2 or 3"),
+        ("udp:1234,axis=2", r"has no 'axis' \(did you mean 'axes'\?\); there are: axes"),
         ("rig.py:Motor", r"operator rig.py:Motor: has no method sample\(t_us\)"),
         (
             "rig.py:Orbit:size=1",

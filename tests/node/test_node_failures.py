@@ -6,7 +6,7 @@ import pytest
 from hapticnet.channel.emulator import Emulator
 from hapticnet.channel.spec import parse_channel
 from hapticnet.device.simulated import PlantSettings, SimulatedDevice
-from hapticnet.node.events import Failed, MasterLeft, Paused, ScenePaused
+from hapticnet.node.events import Failed, MasterLeft, Paused, ScenePaused, SceneSaid
 from hapticnet.node.slave import NOTICES_AT_ONCE
 from hapticnet.protocol.messages import Code
 from hapticnet.protocol.states import Connected, Ended, MasterState, Noticed, Refused, SessionLost, SlaveState
@@ -269,6 +269,36 @@ def test_a_scene_that_raises_gives_no_force_until_it_is_resumed():
     assert scene.calls == calls
     link.slave.resume()
     link.run(SECOND)
+    assert link.master.held_n == (2.0,)
+
+
+def test_what_a_scene_says_reaches_both_persons_once():
+    scene = Spring()
+    lines = ["the arm has\nstopped"]
+    scene.next_line = lambda: lines.pop() if lines else None
+    scene.report = lambda: {"stops": 1}
+    link = pausing(Hand(0.01), scene)
+    for _ in range(3):
+        link.run(SECOND)
+        link.slave.check(link.now_us)
+    link.run(SECOND)
+    (said,) = events_like(link.slave, SceneSaid)
+    assert said == SceneSaid(link.slave.contexts[0], "the arm has stopped")
+    (noticed,) = events_like(link.master, Noticed)
+    assert (noticed.reason, noticed.code) == ("the arm has stopped", Code.OTHER)
+    assert link.slave.contexts[0].report()["scene_report"] == {"stops": 1}
+    assert link.master.held_n == (2.0,)
+
+
+def test_a_scene_whose_message_raises_is_told_once_and_goes_on():
+    scene = Spring()
+    scene.next_line = lambda: 1 / 0
+    link = pausing(Hand(0.01), scene)
+    for _ in range(3):
+        link.run(SECOND)
+        link.slave.check(link.now_us)
+    (said,) = events_like(link.slave, SceneSaid)
+    assert "division by zero" in said.line
     assert link.master.held_n == (2.0,)
 
 

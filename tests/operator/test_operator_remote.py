@@ -9,17 +9,13 @@ import pytest
 from hapticnet.errors import PeerError
 from hapticnet.operator.remote import (
     APPROACH_M_S,
-    ARRAY,
     HOLD_AFTER_US,
-    JSON_ARRAY,
-    JSON_OBJECT,
-    MAP,
-    MOST_BYTES,
     WITHDRAW_AFTER_US,
     RemoteOperator,
     read_position,
     write_force,
 )
+from hapticnet.plain_datagrams import ARRAY, JSON_ARRAY, JSON_OBJECT, MAP, MOST_BYTES
 
 HERE, THERE = ("127.0.0.1", 5000), ("::1", 6000, 0, 0)
 

@@ -19,6 +19,7 @@ DISTURBANCES: Final = frozenset(  # events logged as warnings: the run continues
     (
         "LinkStale", "SessionLost", "Refused", "ChangeRefused", "Hinted", "Noticed", "DeviceLost", "Paused", "Failed",
         "ForceFault", "FingerNotMet", "HeldBack", "StepsTooSlow", "ScenePaused",
+        "SceneSaid",
     )
 )  # fmt: skip
 ABOUT: Final = "hapticnet"
