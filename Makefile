@@ -59,6 +59,7 @@ check: site
 	$(BIN)/ruff format --check
 	$(BIN)/mypy
 	$(BIN)/lint-imports
+	cd extras/experiment && $(CURDIR)/$(BIN)/lint-imports
 
 # The pages as a site, in build/site. Links that lead nowhere are errors.
 site: $(VENV)/installed-dev
@@ -125,8 +126,8 @@ lock: $(BIN)/python
 simulator: system-packages
 	$(MAKE) -C firmware firmware sim
 
-$(VENV)/installed-%: pyproject.toml examples/literature/pyproject.toml $(BIN)/python
-	$(BIN)/pip install -q --disable-pip-version-check -e '.[$*]' -e examples/literature $(if $(filter dev,$*),-e extras/mujoco -e extras/ros2)
+$(VENV)/installed-%: pyproject.toml examples/literature/pyproject.toml extras/experiment/pyproject.toml $(BIN)/python
+	$(BIN)/pip install -q --disable-pip-version-check -e '.[$*]' -e examples/literature -e extras/experiment $(if $(filter dev,$*),-e extras/mujoco -e extras/ros2)
 	@touch $@
 
 $(BIN)/python:

@@ -25,6 +25,7 @@ import hapticnet as package
 
 ROOT = Path(__file__).parents[1]
 PATIENCE_S = 60
+PYTHONPATH = os.pathsep.join(map(str, (ROOT, ROOT / "extras" / "experiment")))
 MOST_BYTES = 1 << 17
 
 
@@ -34,7 +35,7 @@ class Started:
     def __init__(self, arguments: tuple[object, ...], *, stdout: int, stderr: int, cwd: Path | None = None) -> None:
         self.args = [str(argument) for argument in arguments]
         self.returncode: int | None = None
-        environment = os.environ | {"PYTHONPATH": str(ROOT)}
+        environment = os.environ | {"PYTHONPATH": PYTHONPATH}
         request = json.dumps([self.args, str(cwd or Path.cwd()), environment]).encode()
         assert len(request) < MOST_BYTES
         self._status, there = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
@@ -117,7 +118,7 @@ def _nursery() -> socket.socket:
     process = subprocess.Popen(
         [sys.executable, "-m", "tests.ready", str(there.fileno())],
         cwd=ROOT,
-        env=os.environ | {"PYTHONPATH": str(ROOT)},
+        env=os.environ | {"PYTHONPATH": PYTHONPATH},
         stdin=subprocess.DEVNULL,
         pass_fds=[there.fileno()],
     )

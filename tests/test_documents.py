@@ -4,7 +4,6 @@ import datetime
 import importlib
 import math
 import pkgutil
-import re
 import time
 import tomllib
 import tracemalloc
@@ -15,11 +14,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pydantic import BaseModel
 
-import hapticnet
 from hapticnet.documents import LARGEST_DOCUMENT, MOST_PARTS, parse_document, parse_tables
 from hapticnet.errors import FileError, HapticnetError
-from hapticnet.study.plan import LimitsPlan
-from hapticnet.study.screens import Texts
 
 PARTS = ("a", "_-9", '"b c"', "'.'", '"\\"."', '""')
 LONG_S = 20.0
@@ -99,7 +95,7 @@ def test_many_small_keys_are_refused_before_they_fill_the_memory():
         parse_tables(text, "x")
 
 
-ROOMS = ("scene", "protocol", "sweep", "device", "study")
+ROOMS = ("hapticnet.scene", "hapticnet.protocol", "hapticnet.sweep", "hapticnet.device")
 """Where documents are read."""
 
 WRONG = (
@@ -112,24 +108,23 @@ OF_THE_LIBRARY = (
 )  # fmt: skip
 
 
-def documents():
-    for room in ROOMS:
-        package = importlib.import_module(f"hapticnet.{room}")
-        for module in pkgutil.iter_modules(package.__path__, f"{package.__name__}."):
+def documents(*rooms):
+    """Return the models in these packages."""
+    for room in rooms:
+        package = importlib.import_module(room)
+        for module in pkgutil.iter_modules(package.__path__, f"{room}."):
             importlib.import_module(module.name)
     found, waiting = [], [BaseModel]
     while waiting:
         for each in waiting.pop().__subclasses__():
             waiting.append(each)
-            if each.__module__.startswith(f"{hapticnet.__name__}."):
+            if each.__module__.startswith(tuple(f"{room}." for room in rooms)):
                 found.append(each)
     return found
 
 
-def test_a_mistake_is_told_in_our_words_whatever_it_is():
-    """The library that checks documents has words for programmers, such as "Input should be a valid dictionary"."""
-    models, messages = documents(), []
-    assert len(models) > 12
+def assert_in_our_words(models):
+    messages = []
     for model in models:
         for key in (*model.model_fields, "unknown"):
             for value in WRONG:
@@ -137,25 +132,15 @@ def test_a_mistake_is_told_in_our_words_whatever_it_is():
                     parse_document(tomli_w.dumps({key: value}), "x.toml", model)
                 except HapticnetError as error:
                     messages.append(str(error))
-    assert len(messages) > 1000
+    assert len(messages) > 50 * len(models)
     for message in messages:
         assert message.startswith("x.toml: ")
         assert "\n" not in message
         assert not [words for words in OF_THE_LIBRARY if words in message], message
 
 
-@pytest.mark.parametrize(
-    ("model", "text", "value", "words"),
-    [
-        (LimitsPlan, "method = 'guess'", "'guess'", "'ascending' or 'up-down'"),
-        (LimitsPlan, "catch = 1.5", "1.5", "at most 1.0"),
-        (LimitsPlan, "largest = 0.0", "0.0", "more than 0.0"),
-        (LimitsPlan, "references_n = []", "[]", "a list of at least 1"),
-        (LimitsPlan, "catch = 'x'", "'x'", "a number"),
-        (Texts, 'language = "en\\n"', r"'en\n'", "the tag of a language, such as 'en' or 'pt-BR'"),
-    ],
-)
-def test_what_would_be_right_is_told_in_words(model, text, value, words):
-    words = f"x.toml: {text.split()[0]} is {value}; it must be {words}"
-    with pytest.raises(HapticnetError, match=f"^{re.escape(words)}$"):
-        parse_document(text, "x.toml", model)
+def test_a_mistake_is_told_in_our_words_whatever_it_is():
+    """The library that checks documents has words for programmers, such as "Input should be a valid dictionary"."""
+    models = documents(*ROOMS)
+    assert len(models) >= 10
+    assert_in_our_words(models)

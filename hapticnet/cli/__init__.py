@@ -12,7 +12,6 @@ from hapticnet.cli import (
     demo,
     device,
     doctor,
-    experiment,
     key,
     recordings,
     scene,
@@ -21,6 +20,7 @@ from hapticnet.cli import (
 )
 from hapticnet.cli.console import complain
 from hapticnet.cli.given import MasterOptions, SlaveOptions
+from hapticnet.cli.plugins import Verbs
 from hapticnet.cli.verbs import SOURCE, equip
 from hapticnet.errors import FileError, HapticnetError, SettingsError, in_words
 from hapticnet.interrupts import ignore_further
@@ -40,6 +40,7 @@ WRONG: Final = {  # messages for invalid values, by pydantic's type of error
 }
 
 app = typer.Typer(
+    cls=Verbs,
     add_completion=True,
     no_args_is_help=True,
     rich_markup_mode=None,
@@ -88,7 +89,6 @@ app.add_typer(scene.app, name="scene")
 app.add_typer(device.app, name="device")
 app.add_typer(key.app, name="key")
 app.add_typer(sweep.app, name="sweep", short_help="Compute every combination of the settings in a study.")
-app.add_typer(experiment.app, name="experiment", short_help="Run the paper's study, and analyse it.")
 equip(app)
 
 

@@ -10,11 +10,6 @@ EXAMPLES: Final[dict[tuple[str, ...], tuple[str, ...]]] = {
         "hapticnet master --record run.mcap",
         "hapticnet master --help",
     ),
-    ("experiment",): (
-        "hapticnet experiment limits --participant 03 --device serial:auto --profile device.toml",
-        "hapticnet experiment order --participant 01-08 --simulate literature",
-        "hapticnet experiment analyse study",
-    ),
     ("sweep",): (
         "hapticnet sweep studies/rate-distortion.toml --out-dir results/rates",
         "hapticnet sweep show results/rates --plot rates.png",
@@ -67,16 +62,6 @@ EXAMPLES: Final[dict[tuple[str, ...], tuple[str, ...]]] = {
     ),
     ("codecs",): ("hapticnet codecs", "hapticnet codecs --json"),
     ("doctor",): ("hapticnet doctor", "hapticnet doctor --quick"),
-    ("experiment", "limits"): (
-        "hapticnet experiment limits --participant 03 --device serial:auto --profile device.toml",
-        "hapticnet experiment limits --participant 03 --simulate literature --out-dir rehearsal",
-    ),
-    ("experiment", "order"): (
-        "hapticnet experiment order --participant 03 --plan reachable --device serial:auto --profile device.toml",
-        "hapticnet experiment order --participant 01-08 --simulate literature --out-dir rehearsal",
-    ),
-    ("experiment", "texts"): ("hapticnet experiment texts >my-texts.toml",),
-    ("experiment", "analyse"): ("hapticnet experiment analyse study --no-plots",),
     ("scene", "show"): ("hapticnet scene show paper:1", "hapticnet scene show my.toml --json"),
     ("device", "find"): ("hapticnet device find",),
     ("device", "info"): ("hapticnet device info serial:auto",),

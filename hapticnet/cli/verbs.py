@@ -4,7 +4,7 @@ import dataclasses
 import functools
 import inspect
 import re
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Any, Final, cast
 
@@ -29,16 +29,19 @@ VALUES: Final = {bool: None, int: "N", float: "NUMBER", Path: "FILE", str: "TEXT
 """Metavars for parameters that define none: by parameter, else by type."""
 
 
-def equip(app: typer.Typer) -> None:
-    """Add to each verb of an application the features that verbs share."""
-    for verb, group in _groups(app, ()):
-        group.info.epilog = _examples(verb)
+def equip(app: typer.Typer, verb: Verb = (), examples: Mapping[Verb, Sequence[str]] = EXAMPLES) -> None:
+    """Add to each verb of an application the features that verbs share.
+
+    `verb` is that of the application itself; `examples` has the lines at the end of the help of each.
+    """
+    for name, group in _groups(app, verb):
+        group.info.epilog = _examples(examples.get(name))
         for info in group.registered_commands:
             function: Any = info.callback
-            words = (*verb, info.name or function.__name__.replace("_", "-"))
+            words = (*name, info.name or function.__name__.replace("_", "-"))
             info.callback = _equipped(function, serves=words[0] in SERVICES)
             info.cls = GroupedCommand
-            info.epilog = _examples(words)
+            info.epilog = _examples(examples.get(words))
 
 
 def _groups(app: typer.Typer, verb: Verb) -> Iterator[tuple[Verb, typer.Typer]]:
@@ -48,9 +51,8 @@ def _groups(app: typer.Typer, verb: Verb) -> Iterator[tuple[Verb, typer.Typer]]:
             yield from _groups(group.typer_instance, (*verb, group.name))
 
 
-def _examples(verb: Verb) -> str | None:
+def _examples(lines: Sequence[str] | None) -> str | None:
     """Return the text below the options in the help of a verb."""
-    lines = EXAMPLES.get(verb)
     return None if lines is None else "\b\nExamples:\n" + "\n".join(f"  {line}" for line in lines)
 
 
@@ -161,18 +163,18 @@ GROUPS: Final[dict[str, tuple[str, ...]]] = {
         "force-column", "position-column", "time-column", "position-scale", "start", "sampling-rate",
         "missing", "max-size",
     ),
-    "Study": ("participant", "session", "plan", "simulate", "resume", "repeats", "shard"),
+    "Study": ("repeats", "shard"),
     "Recording": ("record", "record-dir", "record-format", "record-limit"),
     "Page and monitoring": ("page", "metrics"),
     "Tables and plots": (
-        "by", "of", "where", "csv", "plot", "plot-dir", "plot-format", "plots", "x", "y", "line", "panel",
+        "by", "of", "where", "csv", "plot", "plot-dir", "plot-format", "x", "y", "line", "panel",
     ),
     "Output": (
         "out", "out-dir", "format", "overwrite", "json", "report", "quiet",
     ),
     "Running": ("duration", "seed", "jobs", "real-time", "quick", "config", "help"),
 }  # fmt: skip
-"""Names of options by group, the same group in the help of every verb."""
+"""Names of options by group, the same group in the help of every verb; others are of a package's verb alone."""
 
 
 class GroupedCommand(TyperCommand):
@@ -193,6 +195,8 @@ class GroupedCommand(TyperCommand):
         parameters = self.get_params(ctx)
         options = {option_key(each): each for each in parameters if each.param_type_name == "option"}
         sections = {"Arguments": [each.get_help_record(ctx) for each in parameters if each not in options.values()]}
+        grouped = {name for names in GROUPS.values() for name in names}
+        sections["Options"] = [_record(each, ctx) for name, each in options.items() if name not in grouped]
         for group, names in GROUPS.items():
             sections[group] = [_record(options[name], ctx) for name in names if name in options]
         for title, records in sections.items():

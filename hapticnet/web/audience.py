@@ -2,8 +2,8 @@
 
 import asyncio
 from abc import ABC, abstractmethod
-from collections.abc import Callable
-from typing import Any, Final
+from collections.abc import Callable, Mapping
+from typing import Any, ClassVar, Final
 
 from hapticnet.errors import PeerError
 from hapticnet.node.events import NodeEvent
@@ -11,7 +11,7 @@ from hapticnet.operator.live import HandState, LiveHand
 from hapticnet.runtime.watching import Watcher
 from hapticnet.web import messages
 from hapticnet.web.client import Client
-from hapticnet.web.messages import CloseCode, Hand, MistakeError, Order, PageMessage, View
+from hapticnet.web.messages import CloseCode, Hand, MistakeError, Order, Reader, View
 from hapticnet.web.mirror import Mirror
 
 MOST_PAGES: Final = 16
@@ -83,6 +83,10 @@ class Audience(Watcher[NodeEvent], ABC):
     name = "page"
     views: tuple[View, ...] = messages.VIEWS  # the served views
     farewell = "the master has ended"  # the last message to pages
+    packages: tuple[str, ...] = (
+        "hapticnet.web",
+    )  # those whose folders static/ have its files; the last has precedence
+    further: ClassVar[Mapping[str, Reader]] = {}  # readers of the messages of this page alone, by type
 
     def __init__(self, hand: LiveHand | None, say: Callable[[str], None]) -> None:
         self.clients: list[Client] = []  # the connected pages
@@ -140,7 +144,7 @@ class Audience(Watcher[NodeEvent], ABC):
     def receive(self, client: Client, data: str | bytes) -> None:
         """Handle a page's request; answer forbidden or invalid ones with an error."""
         try:
-            message = messages.parse_text(data) if isinstance(data, str) else messages.parse_binary(data)
+            message = messages.parse_text(data, self.further) if isinstance(data, str) else messages.parse_binary(data)
             if isinstance(message, Hand):
                 self.seat.move(client, message)
             elif message is Order.TAKE:
@@ -159,7 +163,7 @@ class Audience(Watcher[NodeEvent], ABC):
         """Send the first messages to a page."""
 
     @abstractmethod
-    def _obey(self, client: Client, message: PageMessage) -> None:
+    def _obey(self, client: Client, message: object) -> None:
         """Handle a page's request, except about the hand; raise PeerError if it is forbidden."""
 
     @abstractmethod

@@ -73,16 +73,7 @@ may change), and ``operator_url``; the scene has a ``name``, and each tissue ``n
                "raw_packets_per_s": 1000, "raw_bytes_per_s": 49000,                // the same if all samples were sent
                "packets": 812, "bytes": 51968, "raw_packets": 12400, "raw_bytes": 607600}  // since then, in contact
 
-In an experiment there is the operator view only, one page at a time. Its hello has ``"experiment": {"masking_noise":
-false, "texts": {"connected": "…", …}}``, tissues are named by their number from front to back, frames come only while a
-scene can be touched, and ``task`` says what to show and which keys do something (`hapticnet.study.screens`)::
-
-    {"type": "task", "number": 7, "screen": "trial", "title": "Feel the three tissues", "text": "…",
-     "keys": [{"key": "1", "does": "tissue 1"}, {"key": "escape", "does": "stop: …"}],
-     "typed": "21", "remark": "", "progress": "3 of 40 trials",                    // of an answer; on the last key
-     "wait_s": 0.0}                                                                // until "enter" does something
-
-No task names a condition or a force, or, outside of practice, the right answer.
+A page of another package (`audience.Audience.further`) may have further messages in both directions.
 
 From the page
 -------------
@@ -96,9 +87,6 @@ the needle stops; after `WITHDRAW_AFTER_US`, and when the socket closes, it is w
 ``{"type": "release"}``                     give the hand back: the needle is withdrawn; sent when the page is hidden
 ``{"type": "let_go"}``                      watch view: withdraw the needle and free the hand from any page
 ``{"type": "set", "multiplier": 2.0}``      watch view: change one or several settings of ``adjustable``
-``{"type": "key", "number": 7,``            experiment: press a key of the task with this number; ignored if that
-``"key": "enter"}``                         task is over, so that no press answers another question
-``{"type": "noise", "level": 0.3}``         experiment: level of the masking noise, as a share of full scale
 ==========================================  =========================================================================
 
 The answer to ``set`` is the next ``state``, or an ``error`` and no change at all. A message that is not of this
@@ -109,7 +97,7 @@ import enum
 import json
 import math
 import struct
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Final, Literal, NamedTuple, TypeAlias, get_args
 
@@ -200,20 +188,8 @@ class Change:
     loss_percent: float | None = None
 
 
-class Key(NamedTuple):
-    """Press a key of the task with this number."""
-
-    number: int
-    key: str
-
-
-class Noise(NamedTuple):
-    """The level of the masking noise, as a share of full scale; 0 if it is off."""
-
-    level: float
-
-
-PageMessage: TypeAlias = Hand | Order | Change | Key | Noise
+Reader: TypeAlias = Callable[[dict[str, Any]], object]
+"""Returns a message from its content; raises MistakeError if that is invalid."""
 
 LIMITS: Final[dict[str, tuple[float, float]]] = {  # ranges of the settings that a page may change
     "multiplier": (0.0, 8.0),
@@ -235,8 +211,11 @@ def parse_binary(data: bytes) -> Hand:
     return Hand(position_m, time_ms)
 
 
-def parse_text(data: str) -> PageMessage:
-    """Return the JSON message in `data`; MistakeError if it is invalid, of unknown type, or a value is out of range."""
+def parse_text(data: str, further: Mapping[str, Reader] = {}) -> object:
+    """Return the JSON message in `data`: an Order, a Change, or what a reader in `further`, by type, returns.
+
+    Raises MistakeError if the message is invalid, of unknown type, or a value is out of range.
+    """
     try:
         content = json.loads(data)
     except (ValueError, RecursionError):
@@ -245,13 +224,11 @@ def parse_text(data: str) -> PageMessage:
         raise MistakeError("a message must be an object with a 'type'")
     if kind == "set":
         return _change(content)
-    if kind == "key":
-        return _key(content)
-    if kind == "noise":
-        return _noise(content)
+    if kind in further:
+        return further[kind](content)
     orders = {each.value: each for each in Order}
     if kind not in orders:
-        raise MistakeError(f"unknown message {kind[:40]!r}; there are: {', '.join(orders)}, set, key, noise")
+        raise MistakeError(f"unknown message {kind[:40]!r}; there are: {', '.join([*orders, 'set', *further])}")
     if content:
         raise MistakeError(f"message {kind!r} has no key {next(iter(content))[:40]!r}")
     return orders[kind]
@@ -272,17 +249,3 @@ def _change(content: dict[str, Any]) -> Change:
             low, high = LIMITS[key]
             raise MistakeError(f"{key} is {str(value)[:20]}; it must be between {low:g} and {high:g}")
     return Change(**content)
-
-
-def _key(content: dict[str, Any]) -> Key:
-    number, key = content.get("number"), content.get("key")
-    if len(content) != 2 or type(number) is not int or not isinstance(key, str):
-        raise MistakeError("message 'key' takes the number of a task and a key, and nothing else")
-    return Key(number, key)
-
-
-def _noise(content: dict[str, Any]) -> Noise:
-    level = content.get("level")
-    if len(content) != 1 or isinstance(level, bool) or not isinstance(level, (int, float)) or not 0.0 <= level <= 1.0:
-        raise MistakeError("message 'noise' takes a level between 0 and 1, and nothing else")
-    return Noise(float(level))

@@ -7,7 +7,7 @@ import asyncio
 import logging
 import mimetypes
 import socket
-from collections.abc import Awaitable, Callable
+from collections.abc import Awaitable, Callable, Iterable
 from importlib.resources import files
 from importlib.resources.abc import Traversable
 from typing import Final
@@ -42,8 +42,8 @@ NO_ENTRY: Final = """<!doctype html>
 <html lang="en"><head><meta charset="utf-8"><meta name="viewport" content="width=device-width, initial-scale=1">
 <meta name="color-scheme" content="light dark"><title>hapticnet</title>
 <link rel="stylesheet" href="static/theme.css"><link rel="stylesheet" href="static/page.css"></head>
-<body class="operator"><main><section id="task" class="card"><h2>This link does not open the page</h2>
-<p>{why} As a participant, please tell the experimenter.</p></section></main></body></html>
+<body class="operator"><main><section class="card told"><h2>This link does not open the page</h2>
+<p>{why} If somebody gave you this link, please tell them.</p></section></main></body></html>
 """
 
 INCOMPLETE: Final = """The address was opened without its token. Open the whole address that the program printed, or the
@@ -54,8 +54,8 @@ printed last."""
 Handler = Callable[[web.Request], Awaitable[web.StreamResponse]]
 
 
-def static_files() -> dict[str, tuple[bytes, str]]:
-    """Return contents and media type of every file that a page may load, by path."""
+def static_files(packages: Iterable[str]) -> dict[str, tuple[bytes, str]]:
+    """Return contents and media type of every file in the folders ``static`` of packages, by path."""
     found: dict[str, tuple[bytes, str]] = {}
 
     def walk(folder: Traversable, path: str) -> None:
@@ -68,9 +68,10 @@ def static_files() -> dict[str, tuple[bytes, str]]:
                 )
                 found[path + entry.name] = entry.read_bytes(), kind or "text/plain"
 
-    folder = files("hapticnet.web") / "static"
-    if folder.is_dir():
-        walk(folder, "")
+    for package in packages:
+        folder = files(package) / "static"
+        if folder.is_dir():
+            walk(folder, "")
     return found
 
 
@@ -83,7 +84,7 @@ class Server(Watcher[NodeEvent]):
         self._page = page
         self._access = access
         self._sock = sock
-        self._files = static_files()
+        self._files = static_files(page.packages)
         self._runner: web.AppRunner | None = None
         self._gate: Gate | None = None
         self._listener: asyncio.Server | None = None

@@ -19,6 +19,7 @@ BLOCKS = [
 SHOWN = [line for block in BLOCKS for line in re.findall(r"^ *((?:\w+=\S+ )?hapticnet [a-z].*)", block, re.MULTILINE)]
 IN_TABLES = re.findall(r"`(hapticnet [^`]* --[^`]*)`", README)
 COMMANDS = dict.fromkeys([*(line for lines in EXAMPLES.values() for line in lines), *SHOWN, *IN_TABLES])
+OURS = [line for line in COMMANDS if "hapticnet experiment" not in line]  # a package's verb, tested there
 
 GROUPS = {verb[:count] for verb in VERBS for count in range(len(verb))}
 
@@ -33,19 +34,21 @@ def test_every_verb_has_examples_which_its_help_shows(run, verb):
     assert re.findall(r"--\S+ <(?:int|float|str|path)\b.*?>", done.stdout) == [], "a type instead of a value"
 
 
-@pytest.mark.parametrize("line", COMMANDS)
-def test_every_command_of_the_examples_and_of_the_documents_can_be_parsed(line):
+def not_taken(line, verbs):
+    """Return the arguments of a command line that its verb does not take."""
     words = shlex.split(line, comments=True)
     words = list(itertools.takewhile(lambda word: not re.match(r"2?>|[|&]", word), words))
     words = with_page_address(words[words.index("hapticnet") + 1 :])
     if words[0] == "sweep" and words[1] not in ("run", "show"):
         words.insert(1, "run")
-    count = next(count for count in (1, 2) if tuple(words[:count]) in VERBS)
-    command = VERBS[tuple(words[:count])]
-    arguments = command.make_parser(command.context_class(command, **command.context_settings)).parse_args(
-        words[count:]
-    )
-    assert arguments[1] == [], "an argument that the verb does not take"
+    count = next(count for count in (1, 2) if tuple(words[:count]) in verbs)
+    command = verbs[tuple(words[:count])]
+    return command.make_parser(command.context_class(command, **command.context_settings)).parse_args(words[count:])[1]
+
+
+@pytest.mark.parametrize("line", OURS)
+def test_every_command_of_the_examples_and_of_the_documents_can_be_parsed(line):
+    assert not_taken(line, VERBS) == []
 
 
 def test_there_are_examples_of_the_verbs_that_exist():

@@ -101,16 +101,3 @@ def test_without_aiohttp_the_extra_is_named(monkeypatch: pytest.MonkeyPatch):
 
 def test_the_demo_on_the_page_writes_no_results():
     assert_only_line(hapticnet("demo", "--page", "--json"), "omit --out-dir and --json", code=2)
-
-
-@pytest.mark.parametrize(
-    ("arguments", "complaint"),
-    [
-        (("order", "--page", "--simulate", "literature"), "--page is for a person"),
-        (("order", "--operator", "page"), "--operator page needs --page"),
-        (("order", "--page=8080"), "must be HOST:PORT"),
-    ],
-)
-def test_a_page_of_the_experiment_that_makes_no_sense_is_told_in_one_line(run, tmp_path, arguments, complaint):
-    done = run("experiment", *arguments, "--participant", "01", "--out-dir", tmp_path)
-    assert_only_line(done, complaint, code=2)

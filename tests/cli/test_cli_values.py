@@ -21,9 +21,6 @@ NEEDED = {
     ("export",): ("hand.csv",),
     ("sweep", "run"): ("study.toml", "--out-dir", "results"),
     ("sweep", "show"): ("results",),
-    ("experiment", "limits"): ("--participant", "03"),
-    ("experiment", "order"): ("--participant", "03"),
-    ("experiment", "analyse"): ("study",),
     ("doctor",): ("--quick", "--hand", "arm", "--delay", "1ms", "--scene", "paper"),
 }
 """What else each verb needs, so that only the one value is wrong."""

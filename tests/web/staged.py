@@ -10,11 +10,11 @@ from playwright.sync_api import Browser, Page, Route, WebSocketRoute
 
 from hapticnet.operator.live import HandState
 from hapticnet.web import messages
+from hapticnet.web.audience import Audience
 from hapticnet.web.messages import Hand, View
 from hapticnet.web.server import HEADERS, static_files
 
 ORIGIN = "http://127.0.0.1:47880"
-FILES = static_files()
 TISSUES = [
     {"rest_m": 0.02, "name": "skin", "stiffness_n_per_m": 200.0, "breach_force_n": 2.0},
     {"rest_m": 0.04, "name": "liver", "stiffness_n_per_m": 350.0, "breach_force_n": 3.5},
@@ -37,6 +37,7 @@ class Stage:
     """An open page, and what it said."""
 
     page: Page
+    served: type[Audience] = Audience
     sockets: list[WebSocketRoute] = field(default_factory=list)
     said: list[dict[str, Any]] = field(default_factory=list)
     hands: list[Hand] = field(default_factory=list)
@@ -75,11 +76,12 @@ class Stage:
 
 def serve_files(page: Page, stage: Stage) -> None:
     """Answer each request with a file of the package, as the server does."""
+    files = static_files(stage.served.packages)
 
     def answer(route: Route) -> None:
         stage.requests.append(route.request.url)
         name = route.request.url.removeprefix(f"{ORIGIN}/").partition("?")[0].removeprefix("static/")
-        body, kind = FILES[f"{name}.html" if name in messages.VIEWS else name]
+        body, kind = files[f"{name}.html" if name in messages.VIEWS else name]
         route.fulfill(body=body, content_type=kind, headers=HEADERS)
 
     page.route("**/*", answer)
@@ -87,16 +89,16 @@ def serve_files(page: Page, stage: Stage) -> None:
     page.on("console", lambda message: stage.errors.append(message.text) if message.type == "error" else None)
 
 
-def open_view(browser: Browser, view: View, **context: Any) -> Stage:
-    """Open a view and greet it."""
+def open_view(browser: Browser, view: View, served: type[Audience] = Audience, **context: Any) -> Stage:
+    """Open a view of a kind of page and greet it."""
     page = browser.new_context(**{"viewport": {"width": 1280, "height": 720}, **context}).new_page()
-    stage = Stage(page)
+    stage = Stage(page, served)
     serve_files(page, stage)
 
     def receive(data: str | bytes) -> None:
         if isinstance(data, str):
             stage.said.append(json.loads(data))
-            messages.parse_text(data)  # a page says only what is specified
+            messages.parse_text(data, served.further)  # a page says only what is specified
         else:
             stage.hands.append(messages.parse_binary(data))
 

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from hapticnet.errors import PeerError
 from hapticnet.operator.live import HandState
 from hapticnet.web import messages
-from hapticnet.web.messages import Change, Hand, Key, MistakeError, Noise, Order
+from hapticnet.web.messages import Change, Hand, MistakeError, Order
 from tests.web.rig import read_frame, read_samples
 
 
@@ -37,8 +37,6 @@ def test_what_a_page_may_say():
     assert messages.parse_text('{"type": "release"}') == Order.RELEASE
     assert messages.parse_text('{"type": "let_go"}') == Order.LET_GO
     assert messages.parse_text('{"type": "set", "codec": "raw", "delay_ms": 20}') == Change(codec="raw", delay_ms=20)
-    assert messages.parse_text('{"type": "key", "number": 7, "key": "enter"}') == Key(7, "enter")
-    assert messages.parse_text('{"type": "noise", "level": 0}') == Noise(0.0)
     assert messages.parse_binary(struct.pack("<BBHfd", 1, 0, 0, 0.5, 3.25)) == Hand(0.5, 3.25)
 
 
@@ -51,12 +49,6 @@ def test_what_a_page_may_say():
         ('{"type": 3}', "must be an object"),
         ('{"type": "fire"}', "unknown message 'fire'; there are: take, release, let_go, set"),
         ('{"type": "take", "now": 1}', "has no key 'now'"),
-        ('{"type": "key", "key": "enter"}', "takes the number of a task and a key"),
-        ('{"type": "key", "number": true, "key": "enter"}', "takes the number of a task and a key"),
-        ('{"type": "key", "number": 1, "key": 1}', "takes the number of a task and a key"),
-        ('{"type": "noise", "level": NaN}', "a level between 0 and 1"),
-        ('{"type": "noise", "level": true}', "a level between 0 and 1"),
-        ('{"type": "noise"}', "a level between 0 and 1"),
         ('{"type": "set"}', "changes nothing"),
         ('{"type": "set", "seed": 1}', "cannot set 'seed'"),
         ('{"type": "set", "codec": 1}', "codec must be a name"),
@@ -73,6 +65,13 @@ def test_a_malformed_text_is_refused_in_one_short_line(text: str, complaint: str
         messages.parse_text(text)
     assert len(str(refused.value)) < 200
     assert "\n" not in str(refused.value)
+
+
+def test_a_page_of_a_package_reads_messages_of_its_own():
+    further = {"blink": lambda content: content["times"]}
+    assert messages.parse_text('{"type": "blink", "times": 2}', further) == 2
+    with pytest.raises(MistakeError, match="there are: take, release, let_go, set, blink"):
+        messages.parse_text('{"type": "nod"}', further)
 
 
 @pytest.mark.parametrize(

@@ -18,6 +18,7 @@ from hapticnet.samples import PositionSample
 from hapticnet.scene.scene import Scene
 from hapticnet.scene.sources import find_scene
 from hapticnet.web.access import DEFAULT, Access, listen_for_pages
+from hapticnet.web.audience import Audience
 from hapticnet.web.client import LARGEST_BACKLOG, LONGEST_QUEUE, MOST_MESSAGES_PER_S, Client
 from hapticnet.web.mirror import Mirror, scene_called
 from hapticnet.web.server import static_files
@@ -194,8 +195,7 @@ def test_without_an_address_another_port_is_taken_where_the_usual_one_is_in_use(
     other.close()
 
 
-def test_every_file_that_a_page_names_is_there():
-    files = static_files()
+def assert_every_file_is_there(files: dict[str, tuple[bytes, str]]) -> None:
     for name, (body, _) in files.items():
         if name.endswith((".html", ".css", ".js")) and "vendor/" not in name:
             text = body.decode()
@@ -203,6 +203,10 @@ def test_every_file_that_a_page_names_is_there():
             assert {each for each in named if each not in files} == set(), name
     assert {"watch.html", "operator.html"} <= files.keys()
     assert not re.search(rb"https?://(?!www\.w3\.org)", b"".join(files[n][0] for n in files if n.endswith(".html")))
+
+
+def test_every_file_that_a_page_names_is_there():
+    assert_every_file_is_there(static_files(Audience.packages))
 
 
 def test_the_round_trip_is_that_of_the_last_second():
