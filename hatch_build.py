@@ -42,7 +42,8 @@ PLAIN: Final = {
 
 PLAIN_FILES: Final = {
     "hapticnet/codec/plugins.py": "reads classes of users",
-    "hapticnet/control/couplings.py": "packages derive from its classes, which are dataclasses with class variables",
+    "hapticnet/control/couplings.py": "dataclasses with class variables",
+    "hapticnet/control/ports.py": "protocols of user objects",
     "hapticnet/device/profile.py": "models of pydantic",
     "hapticnet/device/simulated.py": "settings that users make, and others derive from it",
     "hapticnet/node/offline.py": "derives from a plain class with slots",

@@ -1,118 +1,40 @@
 """Couplings: what master and slave do to the force and the position so that a hand that yields does not oscillate.
 
 A coupling has an end at the master, the last to change a force before the limits of the device, and may have one at the
-slave, between the received position and the scene. Such a coupling is asked for in the REQUEST, and its data precedes
-the payloads of positions and forces. ``direct`` does nothing. Others come from packages with an entry point in the
-group `ENTRY_POINT_GROUP`.
+slave, between the received position and the scene: a `ports.TwoPort`. Such a coupling is asked for in the REQUEST, and
+its data precedes the payloads of positions and forces. ``direct`` does nothing. Others come from packages with an entry
+point in the group `ENTRY_POINT_GROUP`.
 """
 
 import dataclasses
 from collections.abc import Mapping
 from dataclasses import dataclass
 from importlib.metadata import entry_points
-from typing import Any, ClassVar, Final, Protocol
+from typing import Any, ClassVar, Final
 
-from hapticnet.checks import meant
+from hapticnet.checks import check_integer, meant
 from hapticnet.control.energy_bound import EnergyBound
-from hapticnet.control.energy_bound import Port as Port
+from hapticnet.control.ports import Coupling, Port, TwoPort
 from hapticnet.errors import HapticnetError, SettingsError, in_words
-from hapticnet.samples import Vector
 from hapticnet.user_code import load_user_code
 
 ENTRY_POINT_GROUP: Final = "hapticnet.couplings"
-
-
-class MasterEnd(Protocol):
-    """The end of a coupling at the master, for one session.
-
-    `held_back` counts the ticks at which it has changed the force.
-    """
-
-    held_back: int
-
-    def outgoing(self, position_m: Vector, now_us: int) -> bytes:
-        """Return the data that precedes a position, `Coupling.forward_bytes` long."""
-        ...
-
-    def incoming(self, data: bytes) -> None:
-        """Process the data that preceded a force; raise PeerError if it is malformed."""
-
-    def limit(self, force_n: Vector, position_m: Vector, now_us: int, *, follows: bool) -> Vector:
-        """Return the force [N] to apply until the next tick; `follows`: the force is a function of this position."""
-        ...
-
-    def report(self) -> dict[str, float]:
-        """Return its figures for JSON."""
-        ...
-
-
-class SlaveEnd(Protocol):
-    """The end of a coupling at the slave, for one session."""
-
-    def command(self, position_m: Vector, t_us: int, data: bytes) -> Vector:
-        """Return the position [m] to which the scene is stepped; raise PeerError if the data is malformed."""
-        ...
-
-    def answer(self, force_n: Vector) -> tuple[Vector, bytes]:
-        """Return the vector [N] to encode for the scene's force, and the data that precedes its payload."""
-        ...
-
-
-class Coupling(Protocol):
-    """A coupling and its parameters: a frozen dataclass whose fields are numbers with defaults."""
-
-    name: ClassVar[str]
-    two_port: ClassVar[bool]  # whether the slave takes part
-
-    def forward_bytes(self, axes: int) -> int:
-        """Return the length of the data before each position [B]."""
-        ...
-
-    def feedback_bytes(self, axes: int) -> int:
-        """Return the length of the data before each force [B]."""
-        ...
-
-    def master(self, port: Port) -> MasterEnd | None:
-        """Return a new end at the master; None if it does nothing there."""
-        ...
-
-    def slave(self, port: Port) -> SlaveEnd:
-        """Return a new end at the slave. Only called for `two_port`."""
-        ...
+MOST_DATA_BYTES: Final = 512  # before a payload, so that a datagram is not fragmented
 
 
 @dataclass(frozen=True, slots=True)
-class OnePort:
-    """A coupling without an end at the slave."""
-
-    name: ClassVar[str]
-    two_port: ClassVar[bool] = False
-
-    def forward_bytes(self, axes: int) -> int:  # noqa: ARG002
-        """Return that no data precedes a position."""
-        return 0
-
-    def feedback_bytes(self, axes: int) -> int:  # noqa: ARG002
-        """Return that no data precedes a force."""
-        return 0
-
-    def master(self, port: Port) -> MasterEnd | None:  # noqa: ARG002
-        """Return that there is no end at the master."""
-        return None
-
-    def slave(self, port: Port) -> SlaveEnd:
-        """Never called."""
-        raise NotImplementedError
-
-
-class Direct(OnePort):
+class Direct:
     """Apply the force as it is decoded. For devices that press on the skin and do not move the hand."""
 
     name: ClassVar[str] = "direct"
 
+    def master(self, port: Port) -> None:  # noqa: ARG002
+        """Return that there is no end at the master."""
+        return
+
 
 @dataclass(frozen=True, slots=True)
-class EnergyBounded(OnePort):
+class EnergyBounded:
     """Push with at most the force of a spring that holds the energy which the hand has put in.
 
     Attributes
@@ -127,7 +49,7 @@ class EnergyBounded(OnePort):
     damping: float = 1.0
     allowance_mj: float = 1.0
 
-    def master(self, port: Port) -> MasterEnd:
+    def master(self, port: Port) -> EnergyBound:
         """Return a new account of the energy at the master's port."""
         return EnergyBound(port, self.damping, 1e-3 * self.allowance_mj)
 
@@ -178,6 +100,8 @@ def make_coupling(name: str, parameters: Mapping[str, float]) -> Coupling:
         raise
     except Exception as error:  # a user's coupling may raise anything
         raise SettingsError(f"coupling {name!r} refused {dict(parameters)}: {in_words(error)}") from error
+    if hasattr(coupling, "slave") and not isinstance(coupling, TwoPort):
+        raise SettingsError(f"coupling {name!r} has slave(), so it needs forward_bytes() and feedback_bytes()")
     return coupling
 
 
@@ -208,3 +132,11 @@ def parameters_of(coupling: Coupling) -> dict[str, float]:
     """Return the parameters of a coupling by name."""
     fields: Any = dataclasses.fields(coupling)  # type: ignore[arg-type]  # every coupling is a dataclass
     return {field.name: float(getattr(coupling, field.name)) for field in fields}
+
+
+def data_bytes(coupling: TwoPort, axes: int) -> tuple[int, int]:
+    """Return the lengths of the data before a position and before a force [B]; SettingsError if one is impossible."""
+    lengths = coupling.forward_bytes(axes), coupling.feedback_bytes(axes)
+    for method, length in zip(("forward_bytes", "feedback_bytes"), lengths, strict=True):
+        check_integer(f"its {method}({axes})", length, 0, MOST_DATA_BYTES)
+    return lengths

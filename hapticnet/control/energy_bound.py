@@ -24,11 +24,10 @@ allowance, so that the energy which a breach or a damper absorbs does not pay fo
 """
 
 import math
-from collections.abc import Callable
-from typing import Final, NamedTuple
+from typing import Final
 
 from hapticnet.checks import check_above, check_parameter
-from hapticnet.perception import WeberLaw
+from hapticnet.control.ports import Port
 from hapticnet.samples import Vector
 from hapticnet.vectors import along, dot, magnitude, minus, times
 
@@ -59,19 +58,8 @@ TOLERANCE: Final = 1.2  # of the stiffness seen, which is an estimate, over K
 LARGEST_DEPTH_M: Final = 0.1  # deepest contact [m] of a force that counts as that of a spring
 
 
-class Port(NamedTuple):
-    """Where a coupling acts."""
-
-    axes: int
-    law: WeberLaw  # the JND of the session
-    period_us: int  # time between two ticks of the master [µs]
-    max_force_n: float = math.inf  # largest force [N] that the device renders
-    scale: float = 1.0  # movement of the tool over that of the hand
-    applied_n: Callable[[], Vector] | None = None  # the force [N] of the last tick, where the device knows it
-
-
 class EnergyBound:
-    """The account of one port. Satisfies `couplings.MasterEnd`."""
+    """The account of one port. Satisfies `ports.MasterEnd`."""
 
     def __init__(self, port: Port, damping_n_s_per_m: float, allowance_j: float) -> None:
         check_above("damping of hand and device", damping_n_s_per_m, 0.0, 1e4, "N·s/m")
@@ -89,19 +77,12 @@ class EnergyBound:
         self._squares_m2 = self._product_j = 0.0  # for the stiffness since the last correction
         self._ticks = self.held_back = 0
 
-    def outgoing(self, position_m: Vector, now_us: int) -> bytes:  # noqa: ARG002
-        """Return nothing: the slave takes no part."""
-        return b""
-
-    def incoming(self, data: bytes) -> None:
-        """Never called with data."""
-
     def report(self) -> dict[str, float]:
         """Return the share of ticks at which the force was held back, and the energy in the account [J]."""
         return {"held_back_share": self.held_back / self._ticks if self._ticks else 0.0, "energy_j": self.energy_j}
 
     def limit(self, force_n: Vector, position_m: Vector, now_us: int, *, follows: bool) -> Vector:
-        """Return the force [N] to apply until the next tick. See `couplings.MasterEnd.limit`."""
+        """Return the force [N] to apply until the next tick. See `ports.MasterEnd.limit`."""
         self._ticks += 1
         if self._scale != 1.0:  # energy is that of the hand's own movement
             position_m = times(position_m, 1.0 / self._scale)

@@ -12,7 +12,8 @@ from typing import Final, TypeAlias
 from hapticnet.checks import axes_of
 from hapticnet.codec.base import Codec
 from hapticnet.codec.registry import all_codecs, make_codec, with_share
-from hapticnet.control.couplings import Coupling, Port, SlaveEnd, all_couplings, make_coupling
+from hapticnet.control.couplings import all_couplings, data_bytes, make_coupling
+from hapticnet.control.ports import Port, SlaveEnd, TwoPort
 from hapticnet.errors import HapticnetError, SampleError, SettingsError, in_words
 from hapticnet.node.settings import SlaveSettings
 from hapticnet.node.slave_context import SlaveContext
@@ -374,7 +375,7 @@ def identity_of(visitor: Visitor, host: Hashable) -> Hashable:
     return host if visitor.entry is None else visitor.entry.public
 
 
-def _coupling(request: Request) -> Coupling | None:
+def _coupling(request: Request) -> TwoPort | None:
     """Return the coupling asked for that has an end at the slave; None if there is none."""
     if request.coupling is None:
         return None
@@ -383,13 +384,13 @@ def _coupling(request: Request) -> Coupling | None:
         coupling = make_coupling(name, parameters)
     except SettingsError as error:
         raise RefusalError(Code.PARAMETER if name in all_couplings() else Code.CODEC, str(error)) from error
-    return coupling if coupling.two_port else None
+    return coupling if isinstance(coupling, TwoPort) else None
 
 
-def _slave_end(coupling: Coupling, port: Port) -> tuple[SlaveEnd, int, int]:
+def _slave_end(coupling: TwoPort, port: Port) -> tuple[SlaveEnd, int, int]:
     """Return the end of a coupling, and the lengths of its data before a position and a force [B]."""
     try:
-        return coupling.slave(port), coupling.forward_bytes(port.axes), coupling.feedback_bytes(port.axes)
+        return coupling.slave(port), *data_bytes(coupling, port.axes)
     except Exception as error:  # a user's coupling may raise anything
         raise RefusalError(Code.FAILED, f"the coupling failed: {in_words(error)}") from error
 

@@ -8,39 +8,38 @@ from typing import Any, NamedTuple
 
 from hapticnet.codec.base import Codec, Decoder, Predictive
 from hapticnet.codec.positions import Difference
-from hapticnet.control.couplings import MasterEnd
+from hapticnet.codec.registry import with_share
 from hapticnet.control.hold import Hold, HoldSettings
+from hapticnet.node.coupled import MasterCoupling, catching
 from hapticnet.node.decoders import Allowance, AnnouncedDecoder, BoundedDecoder, LineDecoder, receiver
 from hapticnet.node.force_predictor import ForcePredictor
+from hapticnet.protocol.messages import Grant
 from hapticnet.protocol.states import ForceArrived, HoldConfirmed
 from hapticnet.protocol.stats import Distribution
 from hapticnet.protocol.wire import distance
 from hapticnet.samples import Vector
+from hapticnet.scene.ahead import stiffest_at
 
 
 class _Stream:
     """The forces of one session, on their way from a payload to a force."""
 
     def __init__(
-        self,
-        codec: Codec,
-        axes: int,
-        stiffest_n_per_m: float | None,
-        allowance: Allowance,
-        *,
-        on_a_line: bool,
-        predicted: bool,
-        end: MasterEnd | None = None,
-        data_bytes: int = 0,
+        self, codec: Codec, axes: int, allowance: Allowance, grant: Grant | None, coupling: MasterCoupling | None
     ) -> None:
-        self.end, self._data_bytes = end, data_bytes  # of a coupling: its end, and its data before each payload
+        self._end: Any = None if coupling is None else coupling.newest
+        self._data_bytes = 0 if coupling is None else coupling.feedback_bytes  # of the coupling, before each payload
+        share = 0.0 if grant is None else grant.position_share
+        predicted = grant is not None and grant.predicted
+        stiffest_n_per_m = stiffest_at(grant.rate_hz) if grant is not None and grant.announced else None
+        codec = with_share(codec, share) if share else codec
         self._needs_position = codec.needs_position
         # Between lines the slave steps where the hand may not be: what it judges there is bounded in any case.
-        self.decoder: Decoder = receiver(codec, axes, predicted=predicted and not on_a_line)
+        self.decoder: Decoder = receiver(codec, axes, predicted=predicted and not share)
         self.announced: AnnouncedDecoder | None = None
         if stiffest_n_per_m is not None:
             self.decoder = self.announced = AnnouncedDecoder(self.decoder, axes, stiffest_n_per_m, allowance)
-        self.line_decoder = LineDecoder(codec, axes, stiffest_n_per_m, allowance) if on_a_line else None
+        self.line_decoder = LineDecoder(codec, axes, stiffest_n_per_m, allowance) if share else None
         self.heard_us: int | None = None  # when the newest force arrived [µs], and its time stamp
         self.heard_t_us = 0
         self._late: list[tuple[int, ForceArrived]] = []  # received models that are not applied yet, with their numbers
@@ -84,8 +83,9 @@ class _Stream:
             return False
         if self._data_bytes:
             data, event = event.payload[: self._data_bytes], replace(event, payload=event.payload[self._data_bytes :])
-            if self.end is not None:
-                self.end.incoming(data)
+            if self._end is not None:
+                with catching():
+                    self._end.incoming(data)
         self.decoder.decode(event.t_us, event.payload)
         if self.line_decoder is not None:
             self.line_decoder.decode(event.t_us, event.payload)
@@ -129,7 +129,7 @@ class AppliedForce:
         self.ticks_on_model = 0  # ticks in which the force was that of an announced model
         self._axes = axes
         self._allowance = Allowance()
-        self._stream = _Stream(codec, axes, None, self._allowance, on_a_line=False, predicted=False)
+        self._stream = _Stream(codec, axes, self._allowance, None, None)
         self._next: _Stream | None = None  # the path of a session that has sent no force yet
         self._predictor = ForcePredictor(axes)
         self._hold = Hold(settings, axes=axes)
@@ -150,37 +150,9 @@ class AppliedForce:
         """Whether the applied force is a function of the newest position, and not of an earlier one."""
         return self._stream.follows
 
-    @property
-    def end(self) -> MasterEnd | None:
-        """The end of the coupling to whose session the applied force belongs."""
-        return self._stream.end
-
-    def begin(
-        self,
-        codec: Codec,
-        stiffest_n_per_m: float | None = None,
-        *,
-        on_a_line: bool = False,
-        predicted: bool = False,
-        end: MasterEnd | None = None,
-        data_bytes: int = 0,
-    ) -> bool:
-        """Begin a session; the previous one is applied until the first force arrives. Return whether there is none.
-
-        `stiffest_n_per_m` is the limit of models of the contact ahead [N/m]; None if nothing is announced. `on_a_line`
-        says whether positions are sent only when they matter, `predicted` whether forces are those where the hand will
-        be. `end` reads the `data_bytes` of a coupling before each payload.
-        """
-        self._next = _Stream(
-            codec,
-            self._axes,
-            stiffest_n_per_m,
-            self._allowance,
-            on_a_line=on_a_line,
-            predicted=predicted,
-            end=end,
-            data_bytes=data_bytes,
-        )
+    def begin(self, codec: Codec, grant: Grant | None = None, coupling: MasterCoupling | None = None) -> bool:
+        """Begin a session; the previous one is applied until the first force arrives. Return whether there is none."""
+        self._next = _Stream(codec, self._axes, self._allowance, grant, coupling)
         if self._stream.heard_us is not None:
             return False
         self._go_on_with(self._next)

@@ -24,7 +24,7 @@ class Forward:
         self._axes = axes
         self._every = Raw().encoder(axes)
         self._sender: PositionSender | None = None
-        self._sent = self._ticks = 0
+        self._sent = self._ticks = self._due_us = 0
 
     def begin(self, law: WeberLaw, share: float) -> None:
         """Begin a session that grants positions a share of a JND; 0: every position is sent."""
@@ -48,6 +48,17 @@ class Forward:
     def is_sparse(self) -> bool:
         """Whether positions are sent only when they matter."""
         return self._sender is not None
+
+    def is_due(self, now_us: int, period_us: int, tick_us: int) -> bool:
+        """Return whether a tick is the one nearest to the time [µs] at which the next position is due."""
+        if period_us <= tick_us:
+            return True
+        wait_us = self._due_us - now_us
+        if 2 * wait_us > tick_us and wait_us <= period_us:
+            return False
+        # After missed ticks or a clock that jumped, the positions continue from now.
+        self._due_us = (self._due_us if abs(wait_us) <= period_us else now_us) + period_us
+        return True
 
     def send_every(self, now_us: int, position_m: Vector, state: int | None = None, data: bytes = b"") -> None:
         """Send the position of a tick in a session that sends all, after the data of a coupling; see `send`."""

@@ -1,15 +1,18 @@
 """Settings of a master (its request, and how it applies forces) and of a slave (its grants and sessions)."""
 
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from typing import Final, Literal, TypeAlias
 
+from hapticnet.codec.base import Codec
+from hapticnet.codec.registry import codec_parameters
 from hapticnet.control.couplings import parse_coupling
 from hapticnet.control.force_settings import ForceControlSettings
 from hapticnet.control.hold import HoldSettings, LimitSettings
+from hapticnet.control.ports import TwoPort
 from hapticnet.errors import SettingsError
 from hapticnet.perception import WeberLaw
 from hapticnet.protocol.keys import MasterKey, check_name
-from hapticnet.protocol.messages import POSITION_SHARE, RATE_HZ
+from hapticnet.protocol.messages import POSITION_SHARE, RATE_HZ, Request
 from hapticnet.protocol.settings import SessionSettings
 
 OnError: TypeAlias = Literal["end", "pause"]
@@ -65,11 +68,27 @@ class MasterSettings:
         RATE_HZ.check(self.rate_hz)
         if not isinstance(self.coupling, str):
             raise SettingsError(f"coupling is {self.coupling!r}; it must be text, such as 'energy-bounded'")
-        if parse_coupling(self.coupling).two_port and (self.positions == "line" or self.announced or self.predicted):
+        every_position = self.positions != "line" and not self.announced and not self.predicted
+        if isinstance(parse_coupling(self.coupling), TwoPort) and not every_position:
             raise SettingsError(
                 f"coupling {self.coupling!r} answers each position at the slave; it cannot be combined with"
                 " positions 'line', announced or predicted"
             )
+
+    def request(self, codec: Codec, axes: int, coupling: tuple[str, dict[str, float]] | None) -> Request:
+        """Return what to ask the slave for, with a codec and a coupling in which it takes part, if any."""
+        return Request(
+            codec=codec.name,
+            parameters=codec_parameters(codec),
+            **asdict(codec.law),
+            rate_hz=self.rate_hz,
+            axes=axes,
+            position_share=self.position_share if self.positions == "line" else 0.0,
+            name=self.name,
+            announced=self.announced,
+            predicted=self.predicted,
+            coupling=coupling,
+        )
 
 
 def device_axis(takes: DeviceTakes, axes: int) -> int | None:

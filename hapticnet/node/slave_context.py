@@ -9,7 +9,7 @@ from hapticnet.codec.base import Codec
 from hapticnet.codec.positions import PromisedLine, unpack_line
 from hapticnet.codec.registry import codec_parameters
 from hapticnet.codec.schemes.raw import Raw
-from hapticnet.control.couplings import SlaveEnd
+from hapticnet.control.ports import SlaveEnd
 from hapticnet.errors import PeerError, SampleError, UserCodeError, in_words, printable, shortened
 from hapticnet.measure.running_error import RunningError
 from hapticnet.node.decoders import read_state

@@ -7,7 +7,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hapticnet.control.couplings import EnergyBounded, Port, make_coupling, parse_coupling
+from hapticnet.control.couplings import EnergyBounded, make_coupling, parse_coupling
+from hapticnet.control.ports import Port
 from hapticnet.errors import SettingsError
 from hapticnet.perception import WeberLaw
 

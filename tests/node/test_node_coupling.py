@@ -25,7 +25,6 @@ class Offset:
     """A toy: the master says where the tool is moved to, the slave by how much it was; forces are halved and back."""
 
     name: ClassVar[str] = "offset"
-    two_port: ClassVar[bool] = True
     by_m: float = 0.002
 
     def forward_bytes(self, axes):
@@ -43,7 +42,7 @@ class Offset:
 
 class OffsetMaster:
     def __init__(self, coupling):
-        self.by_m, self.heard, self.held_back = coupling.by_m, [], 0
+        self.by_m, self.heard, self.held_back, self.counts = coupling.by_m, [], 0, True
 
     def outgoing(self, position_m, _now_us):
         return struct.pack(f">{len(position_m)}d", *(self.by_m for _ in position_m))
@@ -52,7 +51,7 @@ class OffsetMaster:
         self.heard.append(struct.unpack(">f", data)[0])
 
     def limit(self, force_n, _position_m, _now_us, *, follows):  # noqa: ARG002
-        self.held_back += 1
+        self.held_back += self.counts
         return tuple(2.0 * component for component in force_n)
 
     def report(self):
@@ -205,11 +204,11 @@ def test_a_change_of_session_keeps_the_end_of_the_forces_that_are_applied(make_w
     link = virtual_link(scene=make_wall(200.0), operator=Still(), coupling="offset", forward="delay=20ms")
     link.run(seconds=1.0)
     master = link._loopback.master
-    before = master._end
+    before = master._coupling._applied
     master.change(codec="raw")
     link.run(seconds=0.05)
     link.run(seconds=0.5)
-    assert master._end is not before
+    assert master._coupling._applied is not before
     held_n = link.master_samples()["held_n"][500:]
     assert np.ptp(held_n) < 0.05 * held_n.mean()
 
@@ -239,8 +238,7 @@ def test_the_operator_is_told_that_the_force_is_held_back_and_again_after_a_whil
     told = []
     for number in range(200):
         link.run(seconds=0.1)
-        if 100 <= number < 160:
-            master._end.held_back = master._held_back
+        master._coupling._applied.counts = not 100 <= number < 160
         master.check(link._loopback.now_us)
         while (event := master.next_event()) is not None:
             told += [number] if isinstance(event, HeldBack) else []

@@ -12,14 +12,14 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 from hapticnet.checks import check_above, check_parameter
-from hapticnet.control.couplings import Port
+from hapticnet.control.ports import Port
 from hapticnet.samples import Vector
 from hapticnet.vectors import along, minus
 from hapticnet_literature.touch import Touch
 
 
 class IssSlave:
-    """The end of this coupling at the slave. Satisfies `couplings.SlaveEnd`."""
+    """The end of this coupling at the slave. Satisfies `ports.SlaveEnd`."""
 
     def __init__(self, port: Port, lead_s: float, scale: float) -> None:
         self._lead_s, self._scale = lead_s, scale
@@ -56,7 +56,6 @@ class Iss:
     """
 
     name: ClassVar[str] = "iss"
-    two_port: ClassVar[bool] = True
     lead_s: float = 0.03
     scale: float = 1.7
 

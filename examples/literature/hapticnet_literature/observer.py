@@ -7,9 +7,10 @@ would pay for energy created later.
 """
 
 import math
+from dataclasses import dataclass
 from typing import ClassVar, Final
 
-from hapticnet.control.couplings import OnePort, Port
+from hapticnet.control.ports import Port
 from hapticnet.samples import Vector
 from hapticnet.vectors import along, dot, magnitude, minus, plus
 
@@ -17,7 +18,7 @@ SMALLEST_SQUARE_M2: Final = 1e-18  # below this square of a movement [m²], damp
 
 
 class PassivityController:
-    """Observer and controller. Satisfies `couplings.MasterEnd`.
+    """Observer and controller. Satisfies `ports.MasterEnd`.
 
     There is contact above a force of `contact_n` [N].
     """
@@ -29,13 +30,6 @@ class PassivityController:
         self._applied_n: Vector = (0.0,) * axes
         self._position_m: Vector | None = None
         self._ticks = self.held_back = 0
-
-    def outgoing(self, position_m: Vector, now_us: int) -> bytes:  # noqa: ARG002
-        """Return nothing: the slave takes no part."""
-        return b""
-
-    def incoming(self, data: bytes) -> None:
-        """Never called with data."""
 
     def report(self) -> dict[str, float]:
         """Return the share of damped ticks, and the energy that damping has absorbed [J]."""
@@ -70,7 +64,8 @@ class PassivityController:
         return force_n
 
 
-class Passive(OnePort):
+@dataclass(frozen=True, slots=True)
+class Passive:
     """Damp the hand where it would get back more energy than it has put in."""
 
     name: ClassVar[str] = "passive"

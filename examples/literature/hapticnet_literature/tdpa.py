@@ -20,7 +20,7 @@ from dataclasses import dataclass
 from typing import ClassVar, Final
 
 from hapticnet.checks import check_above
-from hapticnet.control.couplings import Port
+from hapticnet.control.ports import Port
 from hapticnet.samples import Vector
 from hapticnet.vectors import along, dot, magnitude, minus, plus, times
 from hapticnet_literature.totals import BYTES, Totals, packed
@@ -32,7 +32,7 @@ SMALLEST_SQUARE_M2: Final = 1e-18  # below this square of a movement [m²], damp
 
 
 class TdpaMaster:
-    """Observer and controller at the master. Satisfies `couplings.MasterEnd`."""
+    """Observer and controller at the master. Satisfies `ports.MasterEnd`."""
 
     def __init__(self, port: Port, most_damping: float) -> None:
         self.taken_in_j = 0.0  # energy that has gone into the network here [J]
@@ -96,7 +96,7 @@ class TdpaMaster:
 
 
 class TdpaSlave:
-    """Observer and controller at the slave. Satisfies `couplings.SlaveEnd`."""
+    """Observer and controller at the slave. Satisfies `ports.SlaveEnd`."""
 
     def __init__(self, port: Port) -> None:
         self.taken_in_j = self.given_out_j = 0.0
@@ -149,7 +149,6 @@ class Tdpa:
     """
 
     name: ClassVar[str] = "tdpa"
-    two_port: ClassVar[bool] = True
     most_damping: float = 1e6
 
     def __post_init__(self) -> None:

@@ -19,7 +19,7 @@ from dataclasses import dataclass
 from typing import ClassVar, Final
 
 from hapticnet.checks import check_above, check_parameter
-from hapticnet.control.couplings import Port
+from hapticnet.control.ports import Port
 from hapticnet.samples import Vector
 from hapticnet.vectors import along, magnitude, minus, plus, times
 from hapticnet_literature.totals import BYTES, Totals, packed
@@ -31,7 +31,7 @@ LONGEST_S: Final = 0.02  # longest time [s] for which a force is summed; after a
 
 
 class WaveMaster:
-    """The end of the waves at the master. Satisfies `couplings.MasterEnd`."""
+    """The end of the waves at the master. Satisfies `ports.MasterEnd`."""
 
     def __init__(self, port: Port, impedance: float) -> None:
         self.held_back = 0  # a wave is never held back
@@ -83,7 +83,7 @@ class WaveMaster:
 
 
 class WaveSlave:
-    """The matched end of the waves at the slave. Satisfies `couplings.SlaveEnd`."""
+    """The matched end of the waves at the slave. Satisfies `ports.SlaveEnd`."""
 
     def __init__(self, port: Port, impedance: float, filter_s: float) -> None:
         self._impedance, self._filter_s = impedance, filter_s
@@ -134,7 +134,6 @@ class WaveVariables:
     """
 
     name: ClassVar[str] = "wave-variables"
-    two_port: ClassVar[bool] = True
     impedance: float = 0.3
     filter_ms: float = 10.0
 

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from hapticnet.api.link import virtual_link
 from hapticnet.control import couplings
-from hapticnet.control.couplings import Port
+from hapticnet.control.ports import Port
 from hapticnet.errors import PeerError, SettingsError
 from hapticnet.operator.yielding import HANDS, YieldingOperator
 from hapticnet.perception import WeberLaw

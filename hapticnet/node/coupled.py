@@ -1,0 +1,111 @@
+"""The coupling at a master, and the checks of what it returns."""
+
+import math
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Any, Final
+
+from hapticnet.checks import axes_of
+from hapticnet.control.couplings import data_bytes, parameters_of, parse_coupling
+from hapticnet.control.energy_bound import EnergyBound
+from hapticnet.control.ports import Port, TwoPort
+from hapticnet.errors import HapticnetError, PeerError, SampleError, in_words
+from hapticnet.node.events import HeldBack
+from hapticnet.node.settings import MasterSettings
+from hapticnet.operator.base import Operator
+from hapticnet.perception import WeberLaw
+from hapticnet.samples import Vector, checked_vector
+from hapticnet.vectors import magnitude, times
+
+HELD_BACK_EVERY_US: Final = 5_000_000  # after this time [µs] without it, a force that is held back is told again
+
+
+class CouplingFailedError(HapticnetError):
+    """A coupling raised an exception, or returned something that cannot be used."""
+
+
+@contextmanager
+def catching() -> Iterator[None]:
+    """Turn every exception but PeerError into CouplingFailedError."""
+    try:
+        yield
+    except PeerError:
+        raise
+    except Exception as error:
+        raise CouplingFailedError(f"the coupling failed: {in_words(error)}") from error
+
+
+class MasterCoupling:
+    """The coupling of one master, over all of its sessions. Raise CouplingFailedError if it cannot be used."""
+
+    def __init__(self, settings: MasterSettings, operator: Operator, period_us: int, device_n: float) -> None:
+        self._coupling: Any = parse_coupling(settings.coupling)
+        applied_n = (lambda: operator.applied_n) if hasattr(operator, "applied_n") else None
+        max_force_n, scale = min(device_n, getattr(operator, "max_force_n", math.inf)), getattr(operator, "scale", 1.0)
+        self._port = Port(operator.axes, settings.law, period_us, max_force_n, scale, applied_n)
+        self.request: tuple[str, dict[str, float]] | None = None  # what the slave is asked for, if it takes part
+        self._forward_bytes = self.feedback_bytes = 0  # data before a position and before a force [B]
+        self._held_us = -HELD_BACK_EVERY_US  # last `check` [µs] before which the force was held back
+        with catching():
+            if isinstance(self._coupling, TwoPort):
+                self.request = self._coupling.name, parameters_of(self._coupling)
+                self._forward_bytes, self.feedback_bytes = data_bytes(self._coupling, operator.axes)
+            # its ends at the master, or None: of the newest session, and of the one whose forces are applied
+            self.newest: Any = self._coupling.master(self._port)
+            self._applied = self.newest
+            # ticks at which the applied end has changed the force: so far, and until the last `check`
+            self._held_back = self._noted = 0 if self.newest is None else int(self.newest.held_back)
+
+    @property
+    def limits(self) -> bool:
+        """Whether it may change forces at the master."""
+        return self._applied is not None
+
+    def begin(self, law: WeberLaw) -> None:
+        """Make an end for a newly granted session; the old one limits forces until `switch`."""
+        if self.request is not None:
+            with catching():
+                self.newest = self._coupling.master(self._port._replace(law=law))
+        elif isinstance(self.newest, EnergyBound):  # its account goes on
+            self.newest.law = law
+
+    def switch(self) -> None:
+        """Note that the forces of the newest session are applied from now on."""
+        if self._applied is not self.newest:
+            self._applied, self._held_back, self._noted = self.newest, 0, 0
+
+    def outgoing(self, position_m: Vector, now_us: int) -> bytes:
+        """Return the data that precedes a position of the newest session."""
+        if self._forward_bytes == 0:
+            return b""
+        with catching():
+            data = self.newest.outgoing(position_m, now_us)
+            if type(data) is not bytes or len(data) != self._forward_bytes:
+                raise ValueError(f"its data is {data!r}; it must have {self._forward_bytes} bytes")
+        return data
+
+    def limit(self, force_n: Vector, position_m: Vector, now_us: int, *, follows: bool) -> Vector:
+        """Return the force [N] to apply until the next tick; `follows`: it is a function of this position."""
+        if self._applied is None:
+            return force_n
+        with catching():
+            force_n = checked_vector(self._applied.limit(force_n, position_m, now_us, follows=follows), "its force")
+            self._held_back = int(self._applied.held_back)
+            if len(force_n) != self._port.axes:
+                raise SampleError(f"its force has {axes_of(len(force_n))}; the operator has {self._port.axes}")
+        size_n, most_n = magnitude(force_n), self._port.max_force_n
+        return force_n if size_n <= most_n else times(force_n, most_n / size_n)
+
+    def check(self, now_us: int) -> tuple[HeldBack, ...]:
+        """Return what to tell the operator: once a contact or so, that the force is held back."""
+        if self._held_back == self._noted:
+            return ()
+        before_us, self._held_us, self._noted = self._held_us, now_us, self._held_back
+        return (HeldBack(),) if now_us - before_us > HELD_BACK_EVERY_US else ()
+
+    def report(self) -> dict[str, Any]:
+        """Return the report for JSON."""
+        try:
+            return {"name": self._coupling.name, **({} if self._applied is None else self._applied.report())}
+        except Exception as error:  # a user's coupling may raise anything
+            return {"name": self._coupling.name, "failed": in_words(error)}
