@@ -66,9 +66,6 @@ def text_of(form: str, words: str) -> AfterValidator:
     return AfterValidator(check)
 
 
-NOT_BLANK: Final = text_of(r"(?s:.*\S.*)", "text that is not blank")
-
-
 def read_document(path: Path) -> str:
     """Return the text of a TOML file of at most `LARGEST_DOCUMENT`; raise FileError if it cannot be read as UTF-8."""
     return read_text(path, LARGEST_DOCUMENT)

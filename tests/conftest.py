@@ -60,8 +60,8 @@ class InGroups(LoadScopeScheduling):
 
     def _split_scope(self, nodeid: str) -> str:
         file = nodeid.partition("::")[0]
-        room = file.split("/")[1]
-        return "real time" if room in REAL_TIME else room if room in SHARED else file
+        _, room, *within = file.split("/")
+        return "real time" if {room, *within} & {*REAL_TIME} else room if room in SHARED else file
 
 
 @pytest.hookimpl(optionalhook=True)

@@ -19,10 +19,11 @@ import numpy as np
 
 from hapticnet.arrays import FloatArray
 from hapticnet.experiment.provenance import provenance
-from hapticnet.experiment.style import COLOURS, DASHES, MARKERS, VERMILION, legend, mark_level, picture
+from hapticnet.experiment.style import COLOURS, DASHES, MARKERS, VERMILION, legend, picture
 from hapticnet.experiment.workers import workers
 from hapticnet.perception import WeberLaw
 from hapticnet_experiment.analysis import PAPER_ERRORS
+from hapticnet_experiment.figures import mark_level
 from hapticnet_experiment.observers import OBSERVERS, Look, Observer, ObserverSettings, contacts, judged
 from hapticnet_experiment.plan import ConditionPlan, JndPlan, Plan
 from hapticnet_experiment.rig import play_trial

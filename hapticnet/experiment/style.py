@@ -106,15 +106,6 @@ def legend_above(axes: Any) -> None:
     axes.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), borderaxespad=0.1, ncols=columns)
 
 
-def mark_level(axes: Any, value: float, name: str) -> None:
-    """Draw a dotted line at a value, such as chance, with its name at the right of the axes."""
-    axes.axhline(value, color=INK, linestyle=":", linewidth=0.8)
-    axes.annotate(
-        name, (1.0, value), xycoords=("axes fraction", "data"), xytext=(3, 0), textcoords="offset points",
-        va="center", annotation_clip=False,
-    )  # fmt: skip
-
-
 def draw_codecs(axes: Any, lines: Mapping[str, Points], *, highlight: str | None = None) -> None:
     """Draw a line for each codec; lines that coincide are drawn as one with all their names.
 

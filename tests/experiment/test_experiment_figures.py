@@ -1,6 +1,9 @@
 """The figures: lines that coincide, the figure of a run, and that the same data give the same file."""
 
+import os
 import re
+import subprocess
+import sys
 
 import numpy as np
 import pytest
@@ -11,7 +14,7 @@ from hapticnet.experiment.comparison import compare
 from hapticnet.experiment.comparison_figures import Figures
 from hapticnet.experiment.signal_figure import draw_run
 from hapticnet.experiment.step_response import plot_step
-from hapticnet.experiment.style import COLOURS, draw_codecs, finish_axes, legend, mark_level, picture
+from hapticnet.experiment.style import COLOURS, draw_codecs, finish_axes, legend, picture
 from hapticnet.experiment.trials import Trial
 from hapticnet.perception import WeberLaw
 from tests.ready import ROOT
@@ -121,17 +124,19 @@ def test_only_figures_that_span_much_get_a_logarithmic_axis_and_panels_share_it(
     check_readable(drawn[0])
 
 
-def test_the_name_of_a_level_stands_beside_the_axes(tmp_path):
-    with picture(tmp_path / "chance.png", 2.0) as figure:
-        axes = figure.subplots()
-        axes.plot([0.0, 1.0], [0.0, 100.0])
-        mark_level(axes, 50.0, "chance")
-        figure.canvas.draw()
-        assert axes.texts[0].get_window_extent().x0 >= axes.get_window_extent().x1
-
-
 def test_legends_and_figures_are_made_by_the_one_style():
     style = ROOT / "hapticnet" / "experiment" / "style.py"
-    for file in [*(ROOT / "hapticnet").rglob("*.py"), *(ROOT / "bench").rglob("*.py")]:
+    for file in [
+        *(ROOT / "hapticnet").rglob("*.py"),
+        *(ROOT / "bench").rglob("*.py"),
+        *(ROOT / "extras/experiment").rglob("*.py"),
+    ]:
         if file != style:
             assert re.findall(r"\.legend\(|plt\.|pyplot\.subplots", file.read_text()) == [], file
+
+
+def test_figures_are_drawn_whatever_backend_the_environment_names():
+    code = "from hapticnet.experiment.style import pyplot; print(pyplot().get_backend())"
+    environment = {**os.environ, "MPLBACKEND": "nonsense"}
+    done = subprocess.run([sys.executable, "-c", code], env=environment, capture_output=True, text=True, check=False)
+    assert done.stdout.strip().lower() == "agg"

@@ -38,6 +38,7 @@ class Stage:
 
     page: Page
     served: type[Audience] = Audience
+    hello: dict[str, Any] = field(default_factory=dict)  # what a page of a package has further in its hello
     sockets: list[WebSocketRoute] = field(default_factory=list)
     said: list[dict[str, Any]] = field(default_factory=list)
     hands: list[Hand] = field(default_factory=list)
@@ -89,10 +90,12 @@ def serve_files(page: Page, stage: Stage) -> None:
     page.on("console", lambda message: stage.errors.append(message.text) if message.type == "error" else None)
 
 
-def open_view(browser: Browser, view: View, served: type[Audience] = Audience, **context: Any) -> Stage:
+def open_view(
+    browser: Browser, view: View, served: type[Audience] = Audience, hello: dict[str, Any] | None = None, **context: Any
+) -> Stage:
     """Open a view of a kind of page and greet it."""
     page = browser.new_context(**{"viewport": {"width": 1280, "height": 720}, **context}).new_page()
-    stage = Stage(page, served)
+    stage = Stage(page, served, hello or {})
     serve_files(page, stage)
 
     def receive(data: str | bytes) -> None:
@@ -116,7 +119,7 @@ def open_view(browser: Browser, view: View, served: type[Audience] = Audience, *
 def greet(stage: Stage, view: View) -> None:
     """Send what the server sends first."""
     hand = {"source": "page", "speed_m_per_s": 0.06, "delay_ms": 50, "repeat_ms": 100}
-    hello: dict[str, Any] = {"version": 1, "view": view, "messages_per_s": 60, "hand": hand}
+    hello: dict[str, Any] = {"version": 1, "view": view, "messages_per_s": 60, "hand": hand, **stage.hello}
     tissues: list[dict[str, Any]] = [{"rest_m": each["rest_m"]} for each in TISSUES]
     if view == "watch":
         hello |= {

@@ -7,7 +7,7 @@ from pathlib import Path
 from textwrap import wrap
 from typing import Any, Final
 
-from hapticnet.experiment.style import GREY, INK, SKY, VERMILION, mark_level, picture
+from hapticnet.experiment.style import GREY, INK, SKY, VERMILION, picture
 from hapticnet_experiment.analysis import CHANCE, Results
 
 HEIGHT_IN: Final = 3.6
@@ -18,16 +18,22 @@ ASIDE: Final = 0.22  # distance of the participants' points from the middle of a
 
 
 def draw_results(results: Results, folder: Path) -> list[Path]:
-    """Draw every figure of the results as PDF and PNG; return the files.
-
-    Raise UnavailableError if matplotlib is missing.
-    """
+    """Draw every figure of the results as PDF and PNG; return the files."""
     paints: dict[str, Callable[[Any, Results], None]] = {"bytes-per-penetration": _bytes, "correct-orders": _correct}
     files = [folder / f"{name}.{form}" for name in paints for form in FORMS]
     for file in files:
         with picture(file, HEIGHT_IN) as figure:
             paints[file.stem](figure.subplots(), results)
     return files
+
+
+def mark_level(axes: Any, value: float, name: str) -> None:
+    """Draw a dotted line at a value, such as chance, with its name at the right of the axes."""
+    axes.axhline(value, color=INK, linestyle=":", linewidth=0.8)
+    axes.annotate(
+        name, (1.0, value), xycoords=("axes fraction", "data"), xytext=(3, 0), textcoords="offset points",
+        va="center", annotation_clip=False,
+    )  # fmt: skip
 
 
 def _title(axes: Any, text: str, results: Results, *below: str, **look: Any) -> None:

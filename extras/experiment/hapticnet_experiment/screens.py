@@ -12,7 +12,7 @@ from typing import Annotated, Any, Final, TypeAlias
 from pydantic import BaseModel, Field, ValidationInfo, model_validator
 
 from hapticnet.checks import meant
-from hapticnet.documents import NOT_BLANK, STRICT, parse_document, text_of
+from hapticnet.documents import STRICT, parse_document, text_of
 
 ENTER: Final = "enter"
 ESCAPE: Final = "escape"
@@ -31,6 +31,7 @@ KEYS: Final = {  # the key of each action, by the name of its text
 }  # fmt: skip
 
 SHIPPED: Final = "the texts that are shipped"  # set while validating without a comparison with itself
+NOT_BLANK: Final = text_of(r"(?s:.*\S.*)", "text that is not blank")
 Table: TypeAlias = dict[str, Annotated[str, NOT_BLANK, Field(max_length=4000)]]
 
 

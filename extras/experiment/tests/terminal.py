@@ -7,7 +7,7 @@ import subprocess
 import sys
 import time
 
-from tests.cli.test_cli_errors import ROOT
+from tests.ready import PYTHONPATH
 
 PATIENCE_S = 40.0
 ENTER, ESCAPE, BACKSPACE, INTERRUPT = "\r", "\x1b", "\x7f", "\x03"
@@ -22,7 +22,7 @@ class Terminal:
         self.process = subprocess.Popen(
             [sys.executable, "-m", "hapticnet", *map(str, arguments)],
             stdin=slave, stdout=slave, stderr=slave, cwd=cwd, start_new_session=True,
-            env=os.environ | {"PYTHONPATH": str(ROOT), "TERM": "xterm"},
+            env=os.environ | {"PYTHONPATH": PYTHONPATH, "TERM": "xterm"},
             preexec_fn=take_terminal,
         )  # fmt: skip
         os.close(slave)

@@ -34,7 +34,7 @@ export class SceneView {
     this.tissues = [];
     this.rangeM = [0, 0.085];
     this.tipM = 0;
-    this.isPlain = false; // in an experiment: all tissues look the same, so that their looks say nothing of how they feel
+    this.isPlain = false; // whether all tissues look the same, so that their looks say nothing of how they feel
     new ResizeObserver(() => this._resize()).observe(canvas);
     addEventListener("themechange", () => this._resize());
     this._resize();

@@ -1,14 +1,14 @@
-// What both views have: connection, scene, hand, notices, theme and texts for screen readers.
+// What both views have: connection, scene, hand, notices, theme and texts for screen readers. A page of another package
+// extends it, and may say all of it in other words (`_handWords` and what follows it).
 
 import { Connection } from "./connection.js";
 import { Hand } from "./hand.js";
 import { SceneView } from "./scene.js";
-import { filled, texts, useTexts } from "./texts.js";
+import { texts } from "./texts.js";
 import { handWords, hint, sceneWords } from "./words.js";
 
 const ERROR_MS = 6000;
 const WORDS_EVERY_MS = 1000;
-const GONE_MS = 15_000; // a session that was interrupted does not come back by itself so soon
 
 const byId = (id) => document.getElementById(id);
 
@@ -29,9 +29,7 @@ export class Stage {
     this._error = null;
     this._contacts = [];
     this._wordsMs = 0;
-    this._inExperiment = false;
     this._limit = null;
-    this.isOver = false; // nothing more will come, and the server may close the page
     this.canvas = byId("scene");
     this.scene = new SceneView(this.canvas, { onBreach: (index) => this._breached(index) });
     this.connection = new Connection(view, {
@@ -96,9 +94,6 @@ export class Stage {
 
   _on_hello(message) {
     this._handInfo = message.hand;
-    this._inExperiment = message.experiment !== undefined;
-    if (this._inExperiment) useTexts(message.experiment.texts);
-    this.scene.isPlain = this._inExperiment;
     this.hand.configure({ repeatMs: message.hand.repeat_ms });
   }
 
@@ -132,9 +127,7 @@ export class Stage {
   }
 
   _on_ready({ ready }) {
-    if (this._ready !== null && ready !== this._ready && !this._inExperiment) {
-      this.announce(ready ? "The scene can be touched" : "The slave does not answer");
-    }
+    if (this._ready !== null && ready !== this._ready) this._announceReady(ready);
     this._ready = ready;
     this._show();
   }
@@ -145,7 +138,6 @@ export class Stage {
 
   _opened() {
     this._closed = null;
-    this._lostMs = null;
     this._show();
   }
 
@@ -155,8 +147,6 @@ export class Stage {
     this._holder = "nobody";
     this.hand.lost();
     this.setLink(how.final ? "bad" : "wait", how.final ? texts.closed : texts.reconnecting);
-    this._lostMs ??= performance.now();
-    setTimeout(() => this._show(), GONE_MS);
     this._on.lost?.();
     this._show();
   }
@@ -181,8 +171,27 @@ export class Stage {
   }
 
   _breached(index) {
-    const name = this._scene.tissues[index].name ?? `Tissue ${index + 1}`;
-    this.announce(this._inExperiment ? filled(texts.breached, { number: index + 1 }) : `${name} breached`);
+    this.announce(this._breachWords(index));
+  }
+
+  _handWords() {
+    return handWords(this._handInfo.source, this._holder, this._handState);
+  }
+
+  _hint() {
+    return hint(this._handInfo.source, this._holder, this._handInfo);
+  }
+
+  _sceneWords(forceN) {
+    return sceneWords(this.scene.tipM, this._scene?.tissues ?? [], this._contacts, forceN);
+  }
+
+  _announceReady(ready) {
+    this.announce(ready ? "The scene can be touched" : "The slave does not answer");
+  }
+
+  _breachWords(index) {
+    return `${this._scene.tissues[index].name ?? `Tissue ${index + 1}`} breached`;
   }
 
   /** Redraw all texts about connection and hand. */
@@ -191,10 +200,8 @@ export class Stage {
     const online = this.connection?.isOpen ?? false;
     document.body.toggleAttribute("data-offline", !online);
     if (this.hand) this.hand.obstacle = this._obstacle(online, source);
-    byId("hand-state").textContent = online
-      ? handWords(source, this._holder, this._handState, this._inExperiment)
-      : texts.connecting;
-    byId("hint").textContent = online ? hint(source, this._holder, this._handInfo, this._inExperiment) : "";
+    byId("hand-state").textContent = online ? this._handWords() : texts.connecting;
+    byId("hint").textContent = online ? this._hint() : "";
     const withdraws = this._mayStopOthers && this._holder === "another";
     const letsGo = this._holder === "you";
     const button = byId("hand-button");
@@ -208,7 +215,6 @@ export class Stage {
 
   _obstacle(online, source) {
     if (!online) return texts.lost;
-    if (this._inExperiment) return this._ready && source === "page" ? null : texts.not_yet;
     if (source !== "page") return `${handWords(source)}. To move it here, start the master with --operator page.`;
     return this._holder === "another" ? "Another page moves the needle." : null;
   }
@@ -228,17 +234,14 @@ export class Stage {
 
   /** The most important thing to tell: level, title, detail, and whether there is a button to try again. */
   _notice(online) {
-    if (this._closed && this.isOver) return null;
     if (this._closed?.final) {
       return ["bad", texts.refused, sentence(this._closed.reason || "It gave no reason"), true];
     }
     if (this._closed && !this._closed.again) {
-      const isGone = this._inExperiment && performance.now() - this._lostMs >= GONE_MS;
-      return ["warn", texts.lost, isGone ? texts.gone_text : texts.lost_text];
+      return ["warn", texts.lost, texts.lost_text];
     }
     if (!online) return ["wait", texts.connecting, ""];
     if (this._error) return ["warn", texts.not_possible, sentence(this._error)];
-    if (this._inExperiment && !this._ready) return null; // what comes next is told by the task
     if (this._ready === false) {
       return ["warn", "The slave does not answer", "Force fades to zero. The needle moves, but it touches nothing."];
     }
@@ -261,7 +264,7 @@ export class Stage {
     if (nowMs - this._wordsMs > WORDS_EVERY_MS) {
       this._wordsMs = nowMs;
       this.canvas.ariaValueNow = (this.scene.tipM * 1000).toFixed(1);
-      this.canvas.ariaValueText = sceneWords(this.scene.tipM, this._scene?.tissues ?? [], this._contacts, forceN, this._inExperiment);
+      this.canvas.ariaValueText = this._sceneWords(forceN);
     }
     requestAnimationFrame((next) => this._frame(next));
   }

@@ -1,4 +1,4 @@
-// What both views say to a person. In an experiment the server sends the study's own words, in the study's language.
+// What both views say to a person. A page of another package may put its own words here.
 
 export const texts = {
   connecting: "Connecting",
@@ -17,17 +17,3 @@ export const texts = {
   let_go: "Let go",
   withdraw: "Stop the other page",
 };
-
-/** Use the words of a study, and put them where the page has fixed ones. */
-export function useTexts(own) {
-  Object.assign(texts, own);
-  document.documentElement.lang = own.language;
-  for (const element of document.querySelectorAll("[data-text]")) element.textContent = texts[element.dataset.text];
-  for (const element of document.querySelectorAll("[data-label]")) element.ariaLabel = texts[element.dataset.label];
-  for (const element of document.querySelectorAll("[data-title]")) element.title = texts[element.dataset.title];
-}
-
-/** A text with the words in braces filled in. */
-export function filled(text, values) {
-  return text.replace(/\{(\w+)\}/g, (_, name) => values[name]);
-}

@@ -1,6 +1,6 @@
 // Texts and numbers for people. Pure functions.
 
-import { filled, texts } from "./texts.js";
+import { texts } from "./texts.js";
 
 /** A force as text, or a dash where it is not known. */
 export function newtons(forceN, digits = 2) {
@@ -52,15 +52,14 @@ export function linkState(link) {
 const SOURCES = { scripted: "A script moves the needle", trace: "A recording moves the needle", hand: "A simulated hand moves the needle" };
 
 /** What the line under the scene says about the hand. */
-export function handWords(source, holder, state, inExperiment = false) {
-  if (source !== "page") return inExperiment ? texts.elsewhere : SOURCES[source] ?? `The needle is moved by ${source}`;
+export function handWords(source, holder, state) {
+  if (source !== "page") return SOURCES[source] ?? `The needle is moved by ${source}`;
   if (holder === "you") return state === "holding" ? texts.waiting : texts.yours;
   if (holder === "another") return "Another page moves the needle";
   return state === "withdrawing" ? texts.withdrawing : texts.free;
 }
 
-export function hint(source, holder, { speed_m_per_s: speed, delay_ms: delay }, inExperiment = false) {
-  if (inExperiment) return source === "page" ? texts.hint : texts.hint_elsewhere;
+export function hint(source, holder, { speed_m_per_s: speed, delay_ms: delay }) {
   if (source !== "page") return "This page watches.";
   if (holder === "another") return "You watch until that page lets go.";
   const how = matchMedia("(pointer: coarse)").matches ? "Drag down to push." : "Drag down to push, or use ↑ ↓. Esc lets go.";
@@ -68,8 +67,7 @@ export function hint(source, holder, { speed_m_per_s: speed, delay_ms: delay }, 
 }
 
 /** The scene in words, for screen readers. */
-export function sceneWords(tipM, tissues, contacts, forceN, inExperiment = false) {
-  if (inExperiment) return filled(texts.depth, { depth: (tipM * 1000).toFixed(0) });
+export function sceneWords(tipM, tissues, contacts, forceN) {
   const parts = [`${(tipM * 1000).toFixed(0)} millimetres deep`];
   tissues.forEach(({ name }, index) => {
     const what = name ?? `tissue ${index + 1}`;

@@ -33,7 +33,7 @@ class LimitsOptions:
             "--page",
             metavar="[HOST:PORT]",
             help="Let the participant see and answer everything on a page in the browser, by default on 127.0.0.1:47880"
-            " or a free port, and print its URL; needs the extra web.",
+            " or a free port, and print its URL.",
         ),
     ] = None
     simulate: Annotated[

@@ -45,7 +45,7 @@ def write_results(folder: Path, target: Path, *, plots: bool, say: Callable[[str
     from dataclasses import asdict
 
     from hapticnet.cli.console import check_outputs, write_text
-    from hapticnet.errors import UnavailableError, visible
+    from hapticnet.errors import visible
     from hapticnet.experiment.provenance import provenance, provenance_lines
     from hapticnet_experiment.analysis import MARGIN, accepted
     from hapticnet_experiment.analysis import analyse as analyse_rows
@@ -71,10 +71,7 @@ def write_results(folder: Path, target: Path, *, plots: bool, say: Callable[[str
         results = analyse_rows(rows, margin=margin)
         check_outputs(*files)
         if plots:
-            try:
-                pictures = draw_results(results, target)
-            except UnavailableError as error:
-                say(str(error))
+            pictures = draw_results(results, target)
         names = [file.name for file in pictures]
         report = markdown(results, title=title, figures=names, people=people, origin=origin, stated=stated)
         account = {"provenance": provenance(), "margin_stated": stated, "results": asdict(results)}

@@ -1,6 +1,7 @@
 // The screens of an experiment: instructions, questions and answers. The server decides what comes next; this shows it.
 
-import { filled, texts } from "./texts.js";
+import { filled } from "./study_texts.js";
+import { texts } from "./texts.js";
 
 const TISSUES = ["1", "2", "3"];
 const PLACES = ["front", "middle", "back"];

@@ -1,15 +1,14 @@
-"""``hapticnet experiment analyse`` and ``power`` on made data."""
+"""``hapticnet experiment analyse`` on made data."""
 
 import json
-import os
-import subprocess
-import sys
 
 import pytest
 from made import rows
 
 from hapticnet.cli.console import Console
+from hapticnet.experiment.style import picture
 from hapticnet_experiment.cli.conducting import conduct_all
+from hapticnet_experiment.figures import mark_level
 from hapticnet_experiment.plan import LimitsPlan
 from hapticnet_experiment.rows import OrderRow, header, to_line
 from hapticnet_experiment.weber import participant_file
@@ -47,7 +46,6 @@ def study(tmp_path):
 
 
 def test_analyse_writes_report_tables_and_pictures(run, study):
-    pytest.importorskip("matplotlib")
     done = run("experiment", "analyse", study)
     assert done.returncode == 0
     assert done.stdout.startswith("# Results of study – SIMULATED (step-masking, fitted to the paper)\n")
@@ -74,13 +72,6 @@ def test_nothing_in_a_table_speaks_to_the_terminal_or_stays_in_the_report(run, t
     assert f"{name}?]0;title?{formula}" in done.stdout
     assert all(line.isprintable() for line in (done.stdout + done.stderr).splitlines())
     assert evil not in "".join((study / "results" / name).read_text() for name in TABLES)
-
-
-def test_figures_are_drawn_whatever_backend_the_environment_names():
-    code = "from hapticnet.experiment.style import pyplot; print(pyplot().get_backend())"
-    environment = {**os.environ, "MPLBACKEND": "nonsense"}
-    done = subprocess.run([sys.executable, "-c", code], env=environment, capture_output=True, text=True, check=False)
-    assert done.stdout.strip().lower() == "agg"
 
 
 def test_tables_have_every_participant_and_say_that_they_are_simulated(run, study):
@@ -117,14 +108,6 @@ def test_the_margin_is_the_plan_s(run, study):
     assert "a margin of ±20 points, stated in the plan" in run("experiment", "analyse", study, "--no-plots").stdout
 
 
-def test_without_matplotlib_the_rest_is_done_and_the_command_is_told(run, study, monkeypatch):
-    monkeypatch.setitem(sys.modules, "matplotlib", None)
-    done = run("experiment", "analyse", study)
-    assert done.returncode == 0
-    assert "pip install matplotlib" in done.stderr
-    assert {file.name for file in (study / "results").iterdir()} == set(TABLES)
-
-
 @pytest.mark.parametrize(
     ("text", "told"),
     [
@@ -145,8 +128,16 @@ def test_a_malformed_table_is_one_line(run, tmp_path, text, told):
 
 @pytest.mark.parametrize("made", [rows(people=1), [row for row in rows(people=3) if row.condition == "none"]])
 def test_little_data_give_an_honest_report_with_its_pictures(run, tmp_path, made):
-    pytest.importorskip("matplotlib")
     done = run("experiment", "analyse", write(tmp_path / "study", made))
     assert done.returncode == 0
     assert " nan" not in done.stdout
     assert (tmp_path / "study" / "results" / "correct-orders.png").exists()
+
+
+def test_the_name_of_a_level_stands_beside_the_axes(tmp_path):
+    with picture(tmp_path / "chance.png", 2.0) as figure:
+        axes = figure.subplots()
+        axes.plot([0.0, 1.0], [0.0, 100.0])
+        mark_level(axes, 50.0, "chance")
+        figure.canvas.draw()
+        assert axes.texts[0].get_window_extent().x0 >= axes.get_window_extent().x1

@@ -14,11 +14,7 @@ STOP = {"key": "escape", "does": "stop: the force goes to zero at once"}
 END = {"key": "escape", "does": "end the session"}
 NEXT = [{"key": "enter", "does": "go on"}, END]
 CHOICES = [{"key": key, "does": f"tissue {key}"} for key in "123"]
-HELLO: dict[str, Any] = {
-    "version": 1, "view": "operator", "messages_per_s": 60,
-    "experiment": {"masking_noise": False, "texts": english().for_page()},
-    "hand": {"source": "page", "speed_m_per_s": 0.06, "delay_ms": 50, "repeat_ms": 100},
-}  # fmt: skip
+HELLO = {"experiment": {"masking_noise": False, "texts": english().for_page()}}
 
 
 class Task:
@@ -49,7 +45,7 @@ class Task:
 
 @pytest.fixture(scope="module")
 def open_task(chromium):
-    stage = open_view(chromium, "operator", ParticipantPage)
+    stage = open_view(chromium, "operator", ParticipantPage, HELLO)
     yield Task(stage)
     stage.page.context.close()
 
@@ -57,7 +53,6 @@ def open_task(chromium):
 @pytest.fixture
 def task(open_task):
     begin_again(open_task.stage, "operator")
-    open_task.stage.tell("hello", **HELLO)
     yield open_task
     assert open_task.stage.errors == []
 
@@ -199,8 +194,8 @@ def test_the_noise_is_white_and_not_clipped(task: Task):
 
 
 def test_noise_that_the_plan_asks_for_begins_with_the_first_press(chromium):
-    stage = open_view(chromium, "operator", ParticipantPage)
-    stage.tell("hello", **{**HELLO, "experiment": HELLO["experiment"] | {"masking_noise": True}})
+    hello = {"experiment": HELLO["experiment"] | {"masking_noise": True}}
+    stage = open_view(chromium, "operator", ParticipantPage, hello)
     task = Task(stage)
     task.show("instructions", keys=NEXT)
     assert stage.heard("noise") == []
@@ -221,8 +216,7 @@ def test_the_end_stays_on_the_page_when_the_server_has_gone(task: Task):
 
 
 def test_a_page_that_waits_for_long_says_what_to_do(chromium):
-    stage = open_view(chromium, "operator", ParticipantPage)
-    stage.tell("hello", **HELLO)
+    stage = open_view(chromium, "operator", ParticipantPage, HELLO)
     task = Task(stage)
     task.show("instructions", keys=NEXT)
     stage.page.clock.install()
