@@ -41,6 +41,7 @@ PLAIN: Final = {
 """Names of modules that stay plain Python wherever they stand, and why."""
 
 PLAIN_FILES: Final = {
+    "hapticnet/codec/parts.py": "stands for codecs of any class",
     "hapticnet/codec/plugins.py": "reads classes of users",
     "hapticnet/control/couplings.py": "dataclasses with class variables",
     "hapticnet/control/ports.py": "protocols of user objects",

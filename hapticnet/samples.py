@@ -13,7 +13,8 @@ Vector: TypeAlias = tuple[float, ...]
 new_tuple: Final = tuple.__new__
 """Makes a named tuple from a tuple, in half the time of its own constructor, for the path of every sample."""
 
-MAX_AXES = 3
+MAX_AXES = 3  # of one part of a vector, such as a force
+MOST_COMPONENTS: Final = 24  # of a vector of several parts (`parts`): a hand's pose and wrench, and five fingertips
 LARGEST_COMPONENT = 1e15
 """Largest magnitude of one component, in SI units. Far above any haptic value, but its squares stay finite."""
 
@@ -51,16 +52,16 @@ class ForceSample(NamedTuple):
 def checked_vector(values: Iterable[float], what: str) -> Vector:
     """Return `values` as a vector, refusing invalid ones.
 
-    Raise SampleError if there are no or more than three components, or one of them is NaN, infinite or beyond
-    `LARGEST_COMPONENT`.
+    Raise SampleError if there are no components or more than `MOST_COMPONENTS`, or one of them is NaN, infinite or
+    beyond `LARGEST_COMPONENT`.
     """
     if type(values) is tuple and len(values) == 1:  # the common case, in a third of the time
         (x,) = values
         if type(x) is float and -LARGEST_COMPONENT <= x <= LARGEST_COMPONENT:
             return values
     vector = tuple(map(float, values))
-    if not 1 <= len(vector) <= MAX_AXES:
-        raise SampleError(f"{what} has {len(vector)} axes; 1 to {MAX_AXES} are supported")
+    if not 1 <= len(vector) <= MOST_COMPONENTS:
+        raise SampleError(f"{what} has {len(vector)} axes; 1 to {MOST_COMPONENTS} are supported")
     for component in vector:
         # Written so that NaN, which compares false with everything, is refused too.
         if not -LARGEST_COMPONENT <= component <= LARGEST_COMPONENT:

@@ -71,7 +71,7 @@ def test_a_law_that_cannot_be_is_refused_with_the_value_seen(field, value):
         WeberLaw(**{field: value})
 
 
-@pytest.mark.parametrize("values", [[], [1.0] * 4, [math.nan], [0.0, math.inf], [1e300]])
+@pytest.mark.parametrize("values", [[], [1.0] * 25, [math.nan], [0.0, math.inf], [1e300]])
 def test_vectors_that_must_not_enter_are_refused(values):
     with pytest.raises(SampleError):
         checked_vector(values, "force")

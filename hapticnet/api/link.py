@@ -14,14 +14,15 @@ from hapticnet.checks import check_integer, check_parameter
 from hapticnet.codec import registry
 from hapticnet.codec.base import Codec
 from hapticnet.errors import SettingsError, UnavailableError
-from hapticnet.experiment.analysis import felt_error
-from hapticnet.measure.metrics import ErrorReport
+from hapticnet.experiment.analysis import felt_error, felt_parts
+from hapticnet.measure.metrics import ErrorReport, FeltReport
 from hapticnet.node.loopback import Loopback, emulated
 from hapticnet.node.settings import MasterSettings, Positions
 from hapticnet.operator.base import HasSample, UserOperator
 from hapticnet.operator.scripted import scripted_hand
 from hapticnet.operator.yielding import is_hand, scripted_yielding
-from hapticnet.scene.base import HasStep
+from hapticnet.parts import PartsLaw, written
+from hapticnet.scene.base import HasStep, scene_parts
 from hapticnet.scene.bodies import BodyScene
 from hapticnet.scene.follower import Follower
 from hapticnet.scene.scene import Scene
@@ -73,12 +74,16 @@ class LinkReport(Table):
     felt_p99_error_n: float
     """The same for the force held at the time of each position, which includes the effects of delay and loss; see
     `FeltReport`."""
+    felt_parts: dict[str, FeltReport]
+    """The same for every part; the above is that of the first. Empty without parts."""
     slave: dict[str, Any]
     master: dict[str, Any]
     """The complete reports of both sides."""
 
     def _table(self) -> tuple[Sequence[str], list[tuple[str, Any]]]:
-        shown = [(name, value) for name, value in asdict(self).items() if name not in ("slave", "master")]
+        shown = [(name, value) for name, value in asdict(self).items() if name not in ("felt_parts", "slave", "master")]
+        for part, felt in self.felt_parts.items():
+            shown += [(f"felt_{name} of {part}", value) for name, value in asdict(felt).items()]
         return ("measure", "value"), shown
 
 
@@ -140,7 +145,8 @@ class VirtualLink:
         """
         samples = self.slave_samples()
         slave, master = self._loopback.slave.report()["sessions"][-1], self._loopback.master.report()
-        felt = felt_error(self._codec.law, samples, self.master_samples())
+        law = self._loopback.master.codec.law
+        felt = felt_error(law, samples, self.master_samples())
         from_slave = ("scene", "codec", "packet_rate_reduction", "breaches", *ErrorReport.__dataclass_fields__)
         round_trip = master["round_trip"]
         return LinkReport(
@@ -156,6 +162,7 @@ class VirtualLink:
             feedback_lost=master["received"]["lost"],
             round_trip_ms=None if round_trip["p50_us"] is None else round_trip["p50_us"] / 1e3,
             round_trip_p99_ms=None if round_trip["p99_us"] is None else round_trip["p99_us"] / 1e3,
+            felt_parts=felt_parts(law, samples, self.master_samples()) if isinstance(law, PartsLaw) else {},
             slave=slave,
             master=master,
         )
@@ -181,6 +188,7 @@ def virtual_link(
     weber_fraction: float | None = None,
     floor_n: float | None = None,
     multiplier: float | None = None,
+    part_laws: dict[str, tuple[float, float]] | None = None,
     **parameters: float,
 ) -> VirtualLink:
     """Connect a master and a slave over an emulated network in virtual time.
@@ -213,6 +221,8 @@ def virtual_link(
         on several axes.
     seed
         Seed of hand and network.
+    part_laws
+        Weber fraction and smallest threshold of torque or grip, instead of the published ones (`hapticnet.parts`).
 
     Raises
     ------
@@ -234,6 +244,8 @@ def virtual_link(
         touched = find_source(scene).make() if isinstance(scene, str) else as_touchable(scene)
     channels = {"forward": parse_channel(forward), "feedback": parse_channel(feedback)}
     hand: Operator
+    if operator is None and scene_parts(touched):
+        raise SettingsError(f"scene {touched.name} has the parts {written(scene_parts(touched), 0)}: give an operator")
     if operator is None:
         hand = scripted_hand(touched.axes, 100, np.random.default_rng([seed, 3]))
     elif isinstance(operator, str):
@@ -246,6 +258,7 @@ def virtual_link(
         codec=chosen.name,
         parameters=registry.codec_parameters(chosen),
         law=chosen.law,
+        part_laws=part_laws or {},
         rate_hz=rate_hz,
         record=True,
         announced=announced,

@@ -7,6 +7,7 @@ from typing import Any, Final
 
 from hapticnet.checks import meant
 from hapticnet.codec.base import Codec
+from hapticnet.codec.parts import codec_of_parts
 from hapticnet.codec.plugins import installed_codecs, user_class
 from hapticnet.codec.schemes.adaptive_predictive import AdaptivePredictive
 from hapticnet.codec.schemes.deadband import Deadband
@@ -14,6 +15,7 @@ from hapticnet.codec.schemes.linear_predictive import LinearPredictive
 from hapticnet.codec.schemes.motion_predictive import MotionPredictive
 from hapticnet.codec.schemes.raw import Raw
 from hapticnet.errors import HapticnetError, SettingsError, in_words
+from hapticnet.parts import PartsLaw
 from hapticnet.perception import SMALLEST, WeberLaw
 from hapticnet.user_code import split_user_code
 
@@ -33,9 +35,12 @@ def all_codecs() -> Mapping[str, type[Any]]:
 def make_codec(name: str, law: WeberLaw, parameters: Mapping[str, float] | None = None) -> Codec:
     """Return the codec called `name` for a person whose perception follows `law`.
 
-    Nothing is imported here: the name may come from the network. Raise SettingsError if no codec has that name or the
+    With the law of several parts, it is one such codec for each. Nothing is imported here: the name may come from the
+    network. Raise SettingsError if no codec has that name or the
     codec has no such parameter; the message lists the known ones.
     """
+    if isinstance(law, PartsLaw):
+        return codec_of_parts(law, [make_codec(name, each, parameters) for each in law.laws])
     made = CODECS.get(name) or _user_codecs.get(name)
     if made is None:
         raise SettingsError(f"unknown codec {name!r}{meant(name, all_codecs())}; there are: {', '.join(all_codecs())}")

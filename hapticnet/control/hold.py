@@ -1,12 +1,14 @@
 """Stages between a decoded force and the controller: hold with an age limit, clamp and slew limit."""
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
 from hapticnet.checks import axes_of, check_above, check_parameter
 from hapticnet.errors import SampleError, SettingsError
 from hapticnet.hardware import MAX_FORCE_N
+from hapticnet.parts import KINDS, PartsLaw
+from hapticnet.perception import WeberLaw
 from hapticnet.samples import MAX_AXES, Vector
 
 SLEW_N_PER_S: Final = 50.0
@@ -221,3 +223,66 @@ class Hold:
         self._whole = wanted_n <= highest_n
         self._share = 1.0 if self._whole else highest_n / wanted_n
         self._applied_n = min(wanted_n, highest_n)
+
+
+class PartsHold:
+    """A hold for each part of a stimulus. Replaces a `Hold`; a torque rises as that of a force at `parts.LEVER_M`."""
+
+    def __init__(self, settings: HoldSettings, law: PartsLaw) -> None:
+        self._parts = tuple(
+            (
+                each,
+                Hold(
+                    replace(settings, rise_n_per_s=settings.rise_n_per_s * KINDS[part.kind].m_per_unit), axes=part.axes
+                ),
+            )
+            for part, each in zip(law.parts, law.slices(), strict=True)
+        )
+
+    @property
+    def kept(self) -> bool:
+        """Whether the whole stimulus may stay at any age, because it is small."""
+        return self._parts[0][1].kept
+
+    @kept.setter
+    def kept(self, kept: bool) -> None:
+        for _, hold in self._parts:
+            hold.kept = kept
+
+    def receive(self, force_n: Vector, now_us: int) -> None:
+        """Hold a new stimulus. See `Hold.receive`."""
+        for each, hold in self._parts:
+            hold.receive(force_n[each], now_us)
+
+    def restart(self) -> None:
+        """Let the next stimulus rise from the one applied now."""
+        for _, hold in self._parts:
+            hold.restart()
+
+    def release(self) -> None:
+        """Apply nothing from now on."""
+        for _, hold in self._parts:
+            hold.release()
+
+    def follow(self, force_n: Vector, now_us: int) -> bool:
+        """Set the stimulus to the decoder's current reconstruction. See `Hold.follow`."""
+        applied = [hold.follow(force_n[each], now_us) for each, hold in self._parts]
+        return all(applied)
+
+    def confirm(self, now_us: int) -> None:
+        """Reset the age."""
+        for _, hold in self._parts:
+            hold.confirm(now_us)
+
+    def value(self, now_us: int) -> Vector:
+        """Return the stimulus to apply. See `Hold.value`."""
+        return tuple([x for _, hold in self._parts for x in hold.value(now_us)])
+
+    def is_fresh(self, now_us: int) -> bool:
+        """Return whether the whole stimulus is applied and the link alive."""
+        return all(hold.is_fresh(now_us) for _, hold in self._parts)
+
+
+def hold_for(settings: HoldSettings, law: WeberLaw, axes: int) -> Hold | PartsHold:
+    """Return the hold of a stimulus."""
+    return PartsHold(settings, law) if isinstance(law, PartsLaw) else Hold(settings, axes=axes)

@@ -11,6 +11,7 @@ import numpy.typing as npt
 from hapticnet.arrays import FloatArray
 from hapticnet.measure.metrics import FeltReport, error_report
 from hapticnet.node.recording import axis_columns
+from hapticnet.parts import PartsLaw
 from hapticnet.perception import WeberLaw
 from hapticnet.protocol.wire import UDP_IPV4_HEADER_BYTES
 from hapticnet.samples import MAX_AXES
@@ -116,8 +117,21 @@ def spent_until(
 
 def felt_error(law: WeberLaw, slave: Columns, master: Columns) -> FeltReport:
     """Compare the force held at each tick with the true force at the position of the same time, delays included."""
+    if isinstance(law, PartsLaw):
+        return next(iter(felt_parts(law, slave, master).values()))
     at_slave, at_master = matched(slave, master)
     return error_report(law, vectors(slave, "force", "n")[at_slave], vectors(master, "held", "n")[at_master])
+
+
+def felt_parts(law: PartsLaw, slave: Columns, master: Columns) -> dict[str, FeltReport]:
+    """Return `felt_error` of each part, by its label."""
+    at_slave, at_master = matched(slave, master)
+    felt = {}
+    for part, own in zip(law.parts, law.laws, strict=True):
+        true = np.column_stack([slave[name] for name in part.columns("force")])
+        held = np.column_stack([master[name] for name in part.columns("held")])
+        felt[part.label] = error_report(own, true[at_slave], held[at_master])
+    return felt
 
 
 def vectors(columns: Columns, quantity: str, unit: str) -> FloatArray:

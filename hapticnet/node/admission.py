@@ -18,7 +18,7 @@ from hapticnet.errors import HapticnetError, SampleError, SettingsError, in_word
 from hapticnet.node.settings import SlaveSettings
 from hapticnet.node.slave_context import SlaveContext
 from hapticnet.node.step_times import StepTimes
-from hapticnet.perception import WeberLaw
+from hapticnet.parts import parts_of, written
 from hapticnet.protocol.handshake import Visitor
 from hapticnet.protocol.hello_filter import Address
 from hapticnet.protocol.keys import MasterEntry
@@ -36,7 +36,7 @@ from hapticnet.protocol.messages import (
 from hapticnet.protocol.settings import Entropy, SessionSettings, random_bytes
 from hapticnet.protocol.slave_session import SlaveSession
 from hapticnet.protocol.wire import SEALED, Kind, pack, pack_body
-from hapticnet.scene.base import Touchable, bound_method, copy_method, lead_limit_n, look_ahead_of
+from hapticnet.scene.base import Touchable, bound_method, copy_method, lead_limit_n, look_ahead_of, scene_parts
 from hapticnet.user_code import raised
 
 MOST_HALF_OPEN: Final = 128  # half-open sessions at once. They take no seat; this bounds their memory.
@@ -302,17 +302,15 @@ class Admission:
         except NoSeatError as error:
             raise RefusalError(Code.FULL, str(error)) from error
         scene = self._scene(entry, request.name) if old is None else old.scene
-        if request.axes != scene.axes:
-            raise RefusalError(
-                Code.AXES, f"the master has {axes_of(request.axes)}; scene {scene.name!r} has {scene.axes}"
-            )
+        _compare(codec, request, scene)
         # Only a scene with a stiffness bound is stepped at positions that the master did not send.
-        says = request.announced and self._settings.announces and coupling is None
+        alone = coupling is None and not parts_of(codec.law)  # models, lines and robots that move ahead have one part
+        says = request.announced and self._settings.announces and alone
         announced = says and look_ahead_of(scene) is not None
         # A codec that follows the hand's own position would be judged at the place of a robot that moves ahead.
-        may_lead = lead_limit_n(scene) > 0.0 and not codec.needs_position and not announced
+        may_lead = lead_limit_n(scene) > 0.0 and not codec.needs_position and not announced and alone
         predicted = request.predicted and (copy_method(scene) is not None or may_lead) and coupling is None
-        share = request.position_share if bound_method(scene) is not None and coupling is None else 0.0
+        share = request.position_share if bound_method(scene) is not None and alone else 0.0
         codec = with_share(codec, share) if share else codec
         rate_hz = min(request.rate_hz, self._settings.fastest_rate_hz)
         if entry is not None and entry.fastest_rate_hz is not None:
@@ -370,6 +368,20 @@ class Admission:
             raise RefusalError(Code.FAILED, f"the scene cannot be made: {raised(error)}") from error
 
 
+def _compare(codec: Codec, request: Request, scene: Touchable) -> None:
+    """Raise RefusalError if the master and the scene have other axes, or other parts."""
+    asked, has = parts_of(codec.law), scene_parts(scene)
+    if asked != has or request.axes != scene.axes:
+        if asked or has:
+            wanted, offered = written(asked, request.axes), written(has, scene.axes)
+            raise RefusalError(Code.AXES, f"the master has the parts {wanted}; scene {scene.name!r} has {offered}")
+        raise RefusalError(Code.AXES, f"the master has {axes_of(request.axes)}; scene {scene.name!r} has {scene.axes}")
+    if asked and request.coupling is not None:
+        raise RefusalError(
+            Code.PARAMETER, f"coupling {request.coupling[0]!r} has an end at the slave, for one part only"
+        )
+
+
 def identity_of(visitor: Visitor, host: Hashable) -> Hashable:
     """Return the identity of a session: a public key or, without keys, a host."""
     return host if visitor.entry is None else visitor.entry.public
@@ -399,8 +411,7 @@ def _codec(request: Request) -> Codec:
     """Return the codec asked for, after a rehearsal; a RefusalError says which number is out of range."""
     try:
         request.check()
-        law = WeberLaw(weber_fraction=request.weber_fraction, floor_n=request.floor_n, multiplier=request.multiplier)
-        codec = make_codec(request.codec, law, request.parameters)
+        codec = make_codec(request.codec, request.law(), request.parameters)
         codec.encoder(request.axes)
     except SampleError as error:  # a codec for fewer axes
         raise RefusalError(Code.AXES, str(error)) from error

@@ -9,10 +9,11 @@ from typing import Any, NamedTuple
 from hapticnet.codec.base import Codec, Decoder, Predictive
 from hapticnet.codec.positions import Difference
 from hapticnet.codec.registry import with_share
-from hapticnet.control.hold import Hold, HoldSettings
+from hapticnet.control.hold import HoldSettings, hold_for
 from hapticnet.node.coupled import MasterCoupling, catching
 from hapticnet.node.decoders import Allowance, AnnouncedDecoder, BoundedDecoder, LineDecoder, receiver
 from hapticnet.node.force_predictor import ForcePredictor
+from hapticnet.parts import parts_of
 from hapticnet.protocol.messages import Grant
 from hapticnet.protocol.states import ForceArrived, HoldConfirmed
 from hapticnet.protocol.stats import Distribution
@@ -131,8 +132,9 @@ class AppliedForce:
         self._allowance = Allowance()
         self._stream = _Stream(codec, axes, self._allowance, None, None)
         self._next: _Stream | None = None  # the path of a session that has sent no force yet
+        self._has_parts = bool(parts_of(codec.law))  # no device moves ahead of them
         self._predictor = ForcePredictor(axes)
-        self._hold = Hold(settings, axes=axes)
+        self._hold = hold_for(settings, codec.law, axes)
         self._position_m: Vector | None = None  # of the newest tick, and its time
         self._position_us = 0
         self._at_us = 0  # time for which the decoder was asked last
@@ -205,7 +207,7 @@ class AppliedForce:
             self._go_on_with(stream)
         self.received_n = stream.decoder.reconstruct(event.t_us, self._position_m, self._position_us)
         self._hold.receive(self.received_n, now_us)
-        if not stream.on_model:  # a model's force belongs to the present
+        if not stream.on_model and not self._has_parts:  # a model's force belongs to the present
             self._predictor.learn(event.t_us, self.received_n)
         self._valid_t_us = event.t_us
         return Applied(event, begins)
@@ -243,6 +245,8 @@ class AppliedForce:
 
     def expected(self, now_us: int, lead_us: int) -> Vector:
         """Return the force [N] expected `lead_us` from now, after `advance`; the held one unless the link is alive."""
+        if self._has_parts:
+            return self._hold.value(now_us)
         if self._position_m is not None:
             self._predictor.move(now_us, self._position_m)
         if not self._hold.is_fresh(now_us):

@@ -99,7 +99,7 @@ class _Link:
         self._named = 0
         self._scene = scene
         period_us = self._times_us[1] - self._times_us[0] if len(self._times_us) > 1 else 1000
-        self._ahead = None if scene is None else ForceAhead(scene, period_us)
+        self._ahead = None if scene is None else ForceAhead(scene, period_us, codec.law)
         self._round_trip = RoundTrip()
 
     def tick(self, index: int) -> Vector:

@@ -1,18 +1,20 @@
 """The coupling at a master, and the checks of what it returns."""
 
 import math
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from functools import partial
 from typing import Any, Final
 
 from hapticnet.checks import axes_of
 from hapticnet.control.couplings import data_bytes, parameters_of, parse_coupling
 from hapticnet.control.energy_bound import EnergyBound
-from hapticnet.control.ports import Port, TwoPort
-from hapticnet.errors import HapticnetError, PeerError, SampleError, in_words
+from hapticnet.control.ports import MasterEnd, Port, TwoPort
+from hapticnet.errors import HapticnetError, PeerError, SampleError, SettingsError, in_words
 from hapticnet.node.events import HeldBack
 from hapticnet.node.settings import MasterSettings
 from hapticnet.operator.base import Operator
+from hapticnet.parts import PartsLaw
 from hapticnet.perception import WeberLaw
 from hapticnet.samples import Vector, checked_vector
 from hapticnet.vectors import magnitude, times
@@ -35,26 +37,83 @@ def catching() -> Iterator[None]:
         raise CouplingFailedError(f"the coupling failed: {in_words(error)}") from error
 
 
+def ports_of_parts(port: Port, law: PartsLaw) -> list[Port]:
+    """Return the port of each part. The force limit of the device is that of each force; others have none."""
+    ports = []
+    for part, each, own in zip(law.parts, law.slices(), law.laws, strict=True):
+        of_device = port.applied_n
+        ports.append(
+            port._replace(
+                axes=part.axes,
+                law=own,
+                max_force_n=port.max_force_n if part.kind == "force" else math.inf,
+                applied_n=None if of_device is None else partial(_part_of, of_device, each),
+            )
+        )
+    return ports
+
+
+def _part_of(applied_n: Callable[[], Vector], each: slice) -> Vector:
+    return applied_n()[each]
+
+
+class PartsEnd:
+    """An end for each part. Each is passive at its own port, and so they are together. Satisfies `MasterEnd`."""
+
+    def __init__(self, law: PartsLaw, ends: Sequence[MasterEnd]) -> None:
+        self._parts = tuple(zip(law.parts, law.slices(), ends, strict=True))
+        self.held_back = 0
+
+    def set_law(self, law: PartsLaw) -> None:
+        """Tell the ends a new law."""
+        for (_, _, end), own in zip(self._parts, law.laws, strict=True):
+            if isinstance(end, EnergyBound):
+                end.law = own
+
+    def limit(self, force_n: Vector, position_m: Vector, now_us: int, *, follows: bool) -> Vector:
+        """Return the stimulus to apply until the next tick. See `MasterEnd.limit`."""
+        limited: list[float] = []
+        for _, each, end in self._parts:
+            limited += end.limit(force_n[each], position_m[each], now_us, follows=follows)
+        self.held_back = sum(end.held_back for _, _, end in self._parts)
+        return tuple(limited)
+
+    def report(self) -> dict[str, dict[str, float]]:
+        """Return the figures of each part for JSON."""
+        return {part.label: end.report() for part, _, end in self._parts}
+
+
 class MasterCoupling:
     """The coupling of one master, over all of its sessions. Raise CouplingFailedError if it cannot be used."""
 
-    def __init__(self, settings: MasterSettings, operator: Operator, period_us: int, device_n: float) -> None:
+    def __init__(
+        self, settings: MasterSettings, law: WeberLaw, operator: Operator, period_us: int, device_n: float
+    ) -> None:
         self._coupling: Any = parse_coupling(settings.coupling)
         applied_n = (lambda: operator.applied_n) if hasattr(operator, "applied_n") else None
         max_force_n, scale = min(device_n, getattr(operator, "max_force_n", math.inf)), getattr(operator, "scale", 1.0)
-        self._port = Port(operator.axes, settings.law, period_us, max_force_n, scale, applied_n)
+        self._port = Port(operator.axes, law, period_us, max_force_n, scale, applied_n)
         self.request: tuple[str, dict[str, float]] | None = None  # what the slave is asked for, if it takes part
         self._forward_bytes = self.feedback_bytes = 0  # data before a position and before a force [B]
         self._held_us = -HELD_BACK_EVERY_US  # last `check` [µs] before which the force was held back
         with catching():
+            if isinstance(law, PartsLaw) and isinstance(self._coupling, TwoPort):
+                raise SettingsError(f"{self._coupling.name!r} has an end at the slave, which is for one part only")
             if isinstance(self._coupling, TwoPort):
                 self.request = self._coupling.name, parameters_of(self._coupling)
                 self._forward_bytes, self.feedback_bytes = data_bytes(self._coupling, operator.axes)
             # its ends at the master, or None: of the newest session, and of the one whose forces are applied
-            self.newest: Any = self._coupling.master(self._port)
+            self.newest: Any = self._end(self._port)
             self._applied = self.newest
             # ticks at which the applied end has changed the force: so far, and until the last `check`
             self._held_back = self._noted = 0 if self.newest is None else int(self.newest.held_back)
+
+    def _end(self, port: Port) -> Any:
+        """Return a new end at the master, of all parts if there are several; None if it does nothing there."""
+        if not isinstance(port.law, PartsLaw):
+            return self._coupling.master(port)
+        ends = [self._coupling.master(each) for each in ports_of_parts(port, port.law)]
+        return None if None in ends else PartsEnd(port.law, ends)
 
     @property
     def limits(self) -> bool:
@@ -65,9 +124,11 @@ class MasterCoupling:
         """Make an end for a newly granted session; the old one limits forces until `switch`."""
         if self.request is not None:
             with catching():
-                self.newest = self._coupling.master(self._port._replace(law=law))
+                self.newest = self._end(self._port._replace(law=law))
         elif isinstance(self.newest, EnergyBound):  # its account goes on
             self.newest.law = law
+        elif isinstance(self.newest, PartsEnd) and isinstance(law, PartsLaw):
+            self.newest.set_law(law)
 
     def switch(self) -> None:
         """Note that the forces of the newest session are applied from now on."""
@@ -93,6 +154,8 @@ class MasterCoupling:
             self._held_back = int(self._applied.held_back)
             if len(force_n) != self._port.axes:
                 raise SampleError(f"its force has {axes_of(len(force_n))}; the operator has {self._port.axes}")
+        if isinstance(self._port.law, PartsLaw):  # each end has its own limit
+            return force_n
         size_n, most_n = magnitude(force_n), self._port.max_force_n
         return force_n if size_n <= most_n else times(force_n, most_n / size_n)
 

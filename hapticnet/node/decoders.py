@@ -16,6 +16,7 @@ from itertools import islice
 from typing import Final, cast
 
 from hapticnet.codec.base import Codec, Decoder, Predictive
+from hapticnet.codec.parts import PartsCodec, decoder_of_parts
 from hapticnet.errors import PeerError, SampleError
 from hapticnet.node.hand_predictor import LONGEST_AHEAD_US
 from hapticnet.samples import Vector
@@ -379,6 +380,9 @@ def receiver(codec: Codec, axes: int, *, predicted: bool = False) -> Decoder:
     `predicted`: whether the slave judges the force at the hand's expected position instead of its last one. It
     expects no further than `LONGEST_AHEAD_US`.
     """
+    if isinstance(codec, PartsCodec):
+        each = zip(codec.codecs, codec.law.parts, strict=True)
+        return decoder_of_parts(codec.law, [receiver(own, part.axes, predicted=predicted) for own, part in each])
     if not codec.needs_position:
         return codec.decoder(axes)
     bounded = BoundedPredictingDecoder if isinstance(codec.decoder(axes), Predictive) else BoundedDecoder

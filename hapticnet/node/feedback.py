@@ -15,6 +15,7 @@ from hapticnet.codec.base import Codec, Decoder, Delayed, Encoder
 from hapticnet.codec.plugins import LARGEST_PAYLOAD
 from hapticnet.errors import HapticnetError, in_words
 from hapticnet.node.decoders import OF_CODEC, AnnouncedDecoder, pack_model, unpack_model
+from hapticnet.parts import size_function
 from hapticnet.perception import WeberLaw
 from hapticnet.protocol.settings import slave_idle_below_n
 from hapticnet.protocol.slave_session import SlaveSession
@@ -256,6 +257,7 @@ class Feedback:
         self._session = session
         self._codec = codec
         self._idle_below_n = slave_idle_below_n(codec.law)
+        self._size = size_function(codec.law)
         self.data = b""  # data of a coupling before the next payload
         self._predicted: tuple[Vector, Vector] | None = None
         self._missed = False
@@ -365,5 +367,5 @@ class Feedback:
             return False
         # A position-following decoder may produce a force before the next answer: also confirm it at zero force.
         follows = self.on_model or self._codec.needs_position
-        felt_n = math.inf if follows else max(magnitude(force_n), magnitude(self.held_n))
+        felt_n = math.inf if follows else max(self._size(force_n), self._size(self.held_n))
         return self._session.repair.keepalive_is_due(now_us, idle=felt_n < self._idle_below_n)

@@ -1,7 +1,6 @@
 """The master: streams the operator's position, holds the last force, and drives the fingertip device with it."""
 
 from collections import deque
-from dataclasses import asdict
 from typing import Any
 
 from hapticnet.checks import axes_of
@@ -19,7 +18,8 @@ from hapticnet.node.procedures import FirstTouch
 from hapticnet.node.recording import DATAGRAM_COLUMNS, IN, OUT, Recording, frame_kind, master_columns
 from hapticnet.node.settings import MasterSettings
 from hapticnet.node.step_times import Clock, StepTimes, no_wait
-from hapticnet.operator.base import Operator
+from hapticnet.operator.base import Operator, operator_parts
+from hapticnet.parts import PartsLaw, law_numbers, with_numbers
 from hapticnet.perception import WeberLaw
 from hapticnet.protocol.master_session import MasterSession
 from hapticnet.protocol.messages import Code, Grant, Request
@@ -68,16 +68,19 @@ class MasterNode:
         self.refused = False
         self.failure: str | None = None
         self.paused: str | None = None  # why the operator is paused; None if it is not
-        self.recording = Recording(master_columns(operator.axes)) if settings.record else None  # rows of ticks
+        self.parts = operator_parts(operator)
+        columns = master_columns(operator.axes, self.parts)
+        self.recording = Recording(columns) if settings.record else None  # rows of ticks
         self.datagrams = Recording(DATAGRAM_COLUMNS) if settings.record_datagrams else None
         self._feel: Any = getattr(operator, "feel", None)
-        self._codec = self._next_codec = make_codec(settings.codec, settings.law, settings.parameters)
+        law = PartsLaw.of(self.parts, settings.law, settings.part_laws) if self.parts else settings.law
+        self._codec = self._next_codec = make_codec(settings.codec, law, settings.parameters)
         self._rendering = Rendering(device, settings, operator.axes)
         # time [µs] between two ticks. No slave may slow the force loop down: its limits hold for the device's rate.
         self.period_us = round(1e6 / max(settings.rate_hz, self._rendering.least_rate_hz))
-        self._coupling = MasterCoupling(settings, operator, self.period_us, self._rendering.largest_n)
+        self._coupling = MasterCoupling(settings, law, operator, self.period_us, self._rendering.largest_n)
         self.session = MasterSession(self._request(self._codec), settings.session, rng, settings.key)
-        self._forward = Forward(self.session, settings.law, operator.axes)
+        self._forward = Forward(self.session, law, operator.axes)
         self._applied = AppliedForce(self._codec, settings.hold, operator.axes)
         self.age = self._applied.age  # age [µs] of the force that is applied, in each tick
         self._operator_time = self.times.of(getattr(operator, "what", "the operator"))
@@ -87,7 +90,8 @@ class MasterNode:
         # largest force [N] requested from the device; None without one that renders forces by a force loop
         self.largest_n: float | None = fingertip.largest_n if fingertip is not None else None
         # No lead on a coupled force, because the future coupling is unknown.
-        self._lead_us = fingertip.lead_us if fingertip is not None and not self._coupling.limits else None
+        leads = not (self._coupling.limits or self.parts)
+        self._lead_us = fingertip.lead_us if fingertip is not None and leads else None
         self._first_touch = FirstTouch(fingertip) if settings.first_touch and fingertip is not None else None
         self._script_start_us: int | None = None
         self.position_m: Vector | None = None  # position [m] of the newest tick; None before there is a session
@@ -243,7 +247,7 @@ class MasterNode:
         now = self._next_codec
         if parameters is None:
             parameters = codec_parameters(now) if codec is None or codec == now.name else {}
-        chosen = make_codec(codec or now.name, law or now.law, parameters)
+        chosen = make_codec(codec or now.name, now.law if law is None else with_numbers(now.law, law), parameters)
         chosen.decoder(self._operator.axes)  # refuse a codec for fewer axes now
         self._next_codec = chosen
         self.session.change(self._request(chosen))
@@ -292,7 +296,8 @@ class MasterNode:
             "scene": self.scene_name,
             "codec": self._codec.name,
             "parameters": codec_parameters(self._codec),
-            **asdict(self._codec.law),
+            **law_numbers(self._codec.law),
+            **({"parts": list(map(str, self.parts))} if self.parts else {}),
             "rate_hz": 1e6 / self.position_period_us,
             "positions": self._forward.report(),
             "in_force": self.in_force.report(),

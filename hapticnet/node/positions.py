@@ -3,8 +3,8 @@
 from dataclasses import asdict
 from typing import Any, Final
 
+from hapticnet.codec.parts import positions_codec
 from hapticnet.codec.positions import Difference, PositionSender, PromisedLine, pack_bound, rounded_bound, unpack_bound
-from hapticnet.codec.schemes.raw import Raw
 from hapticnet.errors import PeerError
 from hapticnet.node.decoders import with_state
 from hapticnet.perception import WeberLaw
@@ -22,7 +22,7 @@ class Forward:
         self._idle_below_n = master_idle_below_n(law)
         self._session = session
         self._axes = axes
-        self._every = Raw().encoder(axes)
+        self._every = positions_codec(law).encoder(axes)
         self._sender: PositionSender | None = None
         self._sent = self._ticks = self._due_us = 0
 

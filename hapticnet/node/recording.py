@@ -6,8 +6,7 @@ from typing import Final
 import numpy as np
 
 from hapticnet.arrays import FloatArray
-
-AXIS_NAMES: Final = ("x", "y", "z")
+from hapticnet.parts import AXIS_NAMES, Parts
 
 IN: Final = 0.0
 OUT: Final = 1.0
@@ -24,7 +23,18 @@ def axis_columns(quantity: str, unit: str, axes: int) -> tuple[str, ...]:
     return tuple(f"{quantity}_{axis}_{unit}" for axis in AXIS_NAMES[:axes])
 
 
-def slave_columns(axes: int) -> tuple[str, ...]:
+def position_columns(axes: int, parts: Parts) -> tuple[str, ...]:
+    """Return the names of a position's columns."""
+    of_parts = tuple(name for part in parts for name in part.columns("position", is_position=True))
+    return of_parts or axis_columns("position", "m", axes)
+
+
+def force_columns(quantity: str, axes: int, parts: Parts) -> tuple[str, ...]:
+    """Return the names of a stimulus's columns, such as "force" or "held"."""
+    return tuple(name for part in parts for name in part.columns(quantity)) or axis_columns(quantity, "n", axes)
+
+
+def slave_columns(axes: int, parts: Parts = ()) -> tuple[str, ...]:
     """Return the columns of a slave's recording, one row for each position answered.
 
     Its time stamp (the master's clock), the position, the true force, the force that the master applies if nothing is
@@ -33,9 +43,9 @@ def slave_columns(axes: int) -> tuple[str, ...]:
     """
     return (
         "t_us",
-        *axis_columns("position", "m", axes),
-        *axis_columns("force", "n", axes),
-        *axis_columns("held", "n", axes),
+        *position_columns(axes, parts),
+        *force_columns("force", axes, parts),
+        *force_columns("held", axes, parts),
         "transmitted",
         "datagram_bytes",
         "breaches",
@@ -43,7 +53,7 @@ def slave_columns(axes: int) -> tuple[str, ...]:
     )
 
 
-def master_columns(axes: int) -> tuple[str, ...]:
+def master_columns(axes: int, parts: Parts = ()) -> tuple[str, ...]:
     """Return the columns of a master's recording, one row for each tick.
 
     Time of the tick on the master's clock (a position of this tick has it as its time stamp), position, and at that
@@ -52,9 +62,9 @@ def master_columns(axes: int) -> tuple[str, ...]:
     """
     return (
         "t_us",
-        *axis_columns("position", "m", axes),
-        *axis_columns("received", "n", axes),
-        *axis_columns("held", "n", axes),
+        *position_columns(axes, parts),
+        *force_columns("received", axes, parts),
+        *force_columns("held", axes, parts),
         "target_n",
         "sensed_n",
         "displacement_m",

@@ -1,6 +1,6 @@
 """Settings of a master (its request, and how it applies forces) and of a slave (its grants and sessions)."""
 
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 from typing import Final, Literal, TypeAlias
 
 from hapticnet.codec.base import Codec
@@ -10,6 +10,7 @@ from hapticnet.control.force_settings import ForceControlSettings
 from hapticnet.control.hold import HoldSettings, LimitSettings
 from hapticnet.control.ports import TwoPort
 from hapticnet.errors import SettingsError
+from hapticnet.parts import law_numbers, parts_request
 from hapticnet.perception import WeberLaw
 from hapticnet.protocol.keys import MasterKey, check_name
 from hapticnet.protocol.messages import POSITION_SHARE, RATE_HZ, Request
@@ -33,6 +34,8 @@ class MasterSettings:
     codec: str = "deadband"
     parameters: dict[str, float] = field(default_factory=dict)
     law: WeberLaw = field(default_factory=WeberLaw)
+    # Weber fraction and smallest threshold of other kinds of parts than force, instead of the published (`parts.KINDS`)
+    part_laws: dict[str, tuple[float, float]] = field(default_factory=dict)
     rate_hz: float = 1000.0  # positions per second to ask for; the slave may grant less
     # which positions to send: "raw", every one; "line", those that matter, each with a velocity. A slave whose scene
     # cannot be stepped in between grants "raw".
@@ -80,7 +83,7 @@ class MasterSettings:
         return Request(
             codec=codec.name,
             parameters=codec_parameters(codec),
-            **asdict(codec.law),
+            **law_numbers(codec.law),
             rate_hz=self.rate_hz,
             axes=axes,
             position_share=self.position_share if self.positions == "line" else 0.0,
@@ -88,6 +91,7 @@ class MasterSettings:
             announced=self.announced,
             predicted=self.predicted,
             coupling=coupling,
+            parts=parts_request(codec.law),
         )
 
 

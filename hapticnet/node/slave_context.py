@@ -6,12 +6,12 @@ from typing import Any, Final, TypeAlias
 
 from hapticnet.checks import axes_of
 from hapticnet.codec.base import Codec
+from hapticnet.codec.parts import positions_codec
 from hapticnet.codec.positions import PromisedLine, unpack_line
 from hapticnet.codec.registry import codec_parameters
-from hapticnet.codec.schemes.raw import Raw
 from hapticnet.control.ports import SlaveEnd
 from hapticnet.errors import PeerError, SampleError, UserCodeError, in_words, printable, shortened
-from hapticnet.measure.running_error import RunningError
+from hapticnet.measure.running_error import parts_report, running_error
 from hapticnet.node.decoders import read_state
 from hapticnet.node.feedback import Feedback, SceneFailedError
 from hapticnet.node.hand_predictor import ForceAhead
@@ -19,6 +19,7 @@ from hapticnet.node.positions import VELOCITY_STEP_US, DeadReckoning
 from hapticnet.node.recording import DATAGRAM_COLUMNS, IN, OUT, Recording, frame_kind, slave_columns
 from hapticnet.node.settings import SlaveSettings
 from hapticnet.node.step_times import NOT_TIMED, StepTime, StepTimes
+from hapticnet.parts import law_numbers, parts_of
 from hapticnet.protocol.messages import Grant
 from hapticnet.protocol.slave_session import SlaveSession
 from hapticnet.protocol.wire import Datagram, Kind
@@ -86,7 +87,7 @@ class SlaveContext:
         # force that the master holds if nothing is lost [N], and whether a force was transmitted. None before the
         # first.
         self.newest: tuple[int, Vector, Vector, Vector, bool] | None = None
-        self.recording = Recording(slave_columns(scene.axes)) if settings.record else None
+        self.recording = Recording(slave_columns(scene.axes, parts_of(codec.law))) if settings.record else None
         self.datagrams = Recording(DATAGRAM_COLUMNS) if settings.record_datagrams else None
         self._on_error = settings.on_error
         self._shift_us: int | None = None  # scene's time minus master's time
@@ -103,7 +104,7 @@ class SlaveContext:
         self._knows_bound = False
         self.between = 0
         self._answered: _Answered | None = None
-        self._positions = Raw().decoder(scene.axes)
+        self._positions = positions_codec(codec.law).decoder(scene.axes)
         self._feedback: Feedback | None = None
         self._ahead: ForceAhead | None = None
         self._period_us = 1e6 / grant.rate_hz
@@ -114,7 +115,7 @@ class SlaveContext:
         self._codec_time = times.of_codec(codec)
         self._master_state: int | None = None  # layers of the model pierced at the master
         self._zero_n = (0.0,) * scene.axes
-        self._error = RunningError(codec.law)
+        self._error = running_error(codec.law)
 
     @property
     def feedback(self) -> Feedback:
@@ -124,7 +125,7 @@ class SlaveContext:
                 self.session, self.codec, self.scene, announced=self.grant.announced, rate_hz=self.grant.rate_hz
             )
             if self.grant.predicted:
-                self._ahead = ForceAhead(self.scene, round(self._period_us))
+                self._ahead = ForceAhead(self.scene, round(self._period_us), self.codec.law)
         return self._feedback
 
     def is_own(self, ticket: bytes) -> bool | None:
@@ -389,7 +390,7 @@ class SlaveContext:
             "scene": self.scene.name,
             "codec": self.codec.name,
             "parameters": codec_parameters(self.codec),
-            **asdict(self.codec.law),
+            **law_numbers(self.codec.law),
             "sealed": self.session.seal is not None,
             "continues": self._continued,
             "state": self.session.state.value,
@@ -405,6 +406,7 @@ class SlaveContext:
             "predicted": None if self._ahead is None else self._ahead.report(),
             "packet_rate_reduction": 1.0 - forces / self.steps if self.steps else None,
             **asdict(self._error.report()),
+            **parts_report(self._error),
             "sent": self.session.sent.report(),
             "received": self.session.received.report(),
         }

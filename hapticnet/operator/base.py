@@ -5,8 +5,9 @@ from collections.abc import Callable, Sequence
 from typing import Any, Protocol
 
 from hapticnet.checks import check_integer, check_parameter
+from hapticnet.parts import Parts, declared
 from hapticnet.samples import PositionSample, Vector
-from hapticnet.user_code import attribute_of, axes_of, failure, method_of, vector_from
+from hapticnet.user_code import attribute_of, failure, method_of, vector_from
 
 
 class Operator(Protocol):
@@ -28,6 +29,12 @@ class Operator(Protocol):
         """Return the position of the tool at `t_us` [µs] from the start of the motion."""
 
 
+def operator_parts(operator: Operator) -> Parts:
+    """Return the parts of an operator's positions; none if they are one position."""
+    parts: Parts = getattr(operator, "parts", ())
+    return parts
+
+
 class HasSample(Protocol):
     """Required method of a user's object that moves the tool; see `UserOperator` for optional members."""
 
@@ -40,13 +47,24 @@ class UserOperator:
 
     Its ``sample(t_us)`` returns the position [m] at a time [µs] since the start: a `PositionSample`, a number, or a
     sequence of numbers, one for each axis. Optional: ``max_force_n``, the largest force [N] with which it pushes the
-    hand, for a coupling; ``feel(t_us, force_n)``, called in every tick with the force held
-    [N], a tuple; ``axes`` (1 to 3; default 1); ``duration_us``, after which the run ends. `what` names the object in
-    messages, such as "operator own.py:Mine". Raise SettingsError if a method cannot be called this way, or an attribute
-    cannot be used.
+    hand, for a coupling; ``feel(t_us, force_n)``, called in every tick with the force held [N], a tuple; ``axes`` (1 to
+    3; default 1) or ``parts``, such as ``("force:3", "torque:3", "grip:1")`` (`hapticnet.parts`); ``duration_us``,
+    after which the run ends. `what` names the object in messages, such as "operator own.py:Mine". Raise SettingsError
+    if a method cannot be called this way, or an attribute cannot be used.
     """
 
-    __slots__ = ("_feel", "_hand_feel", "_hand_sample", "_sample", "axes", "duration_us", "hand", "max_force_n", "what")
+    __slots__ = (
+        "_feel",
+        "_hand_feel",
+        "_hand_sample",
+        "_sample",
+        "axes",
+        "duration_us",
+        "hand",
+        "max_force_n",
+        "parts",
+        "what",
+    )
 
     def __init__(self, hand: HasSample, what: str = "the operator") -> None:
         self.hand = hand
@@ -57,7 +75,7 @@ class UserOperator:
         self._hand_feel: Callable[[int, Vector], Any] | None = None
         if attribute_of(hand, "feel", None, what) is not None:
             self._hand_feel = method_of(hand, "feel(t_us, force_n)", what)
-        self.axes = axes_of(hand, what)
+        self.axes, self.parts = declared(hand, what)
         duration_us: int | None = attribute_of(hand, "duration_us", None, what)
         if duration_us is not None:
             check_integer(f"{what}: duration_us", duration_us, 1, 2**62, "µs")

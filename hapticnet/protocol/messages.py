@@ -6,9 +6,11 @@ from typing import Any, Final, NamedTuple
 
 from hapticnet.checks import check_parameter
 from hapticnet.errors import PeerError
+from hapticnet.parts import PartsLaw, parse_parts
+from hapticnet.perception import WeberLaw
 from hapticnet.protocol.stats import REPORT_STEPS, Loss
 from hapticnet.protocol.wire import MODULUS, OPEN, Kind, is_uint32, pack, pack_body, unpack_body
-from hapticnet.samples import new_tuple
+from hapticnet.samples import MAX_AXES, MOST_COMPONENTS, new_tuple
 
 
 class Range(NamedTuple):
@@ -101,7 +103,8 @@ class Request(NamedTuple):
     that positions may use, if they are sent only when they matter; 0: every position is sent. `predicted` asks
     for forces where the hand will be when they arrive. `coupling` is the name and the parameters of a coupling that
     needs an end at the slave (docs/refer/payloads.md), or None. `vibration` asks for vibration beside force: its budget
-    [B/s] and the person's threshold [m/s²]; None: not asked for.
+    [B/s] and the person's threshold [m/s²]; None: not asked for. `parts` are the parts of positions and forces, and the
+    threshold of each kind other than force (Weber fraction, smallest threshold); None: one force.
     """
 
     codec: str
@@ -119,6 +122,7 @@ class Request(NamedTuple):
     predicted: bool = False
     coupling: tuple[str, dict[str, float]] | None = None
     vibration: tuple[float, float] | None = None
+    parts: tuple[tuple[str, ...], dict[str, tuple[float, float]]] | None = None
 
     def check(self) -> None:
         """Raise SettingsError if a number is out of its range; codec and perception check theirs."""
@@ -127,6 +131,11 @@ class Request(NamedTuple):
         if self.vibration is not None:
             VIBRATION_BUDGET.check(self.vibration[0])
             VIBRATION_THRESHOLD.check(self.vibration[1])
+
+    def law(self) -> WeberLaw:
+        """Return the law of the person at the master; SettingsError if a number is out of its range."""
+        law = WeberLaw(weber_fraction=self.weber_fraction, floor_n=self.floor_n, multiplier=self.multiplier)
+        return law if self.parts is None else PartsLaw.of(parse_parts(self.parts[0]), law, self.parts[1])
 
 
 class Cookie(NamedTuple):
@@ -250,18 +259,20 @@ def pack_contents(contents: tuple[Any, ...]) -> bytes:
 
 def unpack_request(packed: bytes) -> Request:
     """Return the request of a HELLO; raise PeerError if it is invalid. `Request.check` checks the ranges."""
-    fields = unpack_body(packed, 12, optional=3)
+    fields = unpack_body(packed, 12, optional=4)
     codec, parameters, *law, rate_hz, axes, name, ticket, clock_us, announced, share = fields[:12]
     predicted = len(fields) > 12 and fields[12]
     coupling = fields[13] if len(fields) > 13 else None
     vibration = fields[14] if len(fields) > 14 else None
+    parts = _parts(fields[15]) if len(fields) > 15 else None
     numbers = _numbers(codec, parameters, "codec")
     if coupling is not None:
         _require(type(coupling) is tuple and len(coupling) == 2, "coupling", coupling)
         coupling = coupling[0], _numbers(coupling[0], coupling[1], "coupling")
     _require(all(map(_is_number, law)), "JND", law)
     _require(_is_number(rate_hz), "rate", rate_hz)
-    _require(type(axes) is int and 1 <= axes <= 3, "axes", axes)
+    most = MAX_AXES if parts is None else MOST_COMPONENTS
+    _require(type(axes) is int and 1 <= axes <= most, "axes", axes)
     _require(_is_text(name, NAME_BYTES), "name", name)
     _require(ticket is None or _is_bytes(ticket, TICKET_BYTES), "ticket", ticket)
     _require(type(clock_us) is int and CLOCK_US.has(clock_us), "clock", clock_us)
@@ -276,7 +287,23 @@ def unpack_request(packed: bytes) -> Request:
     weber_fraction, floor_n, multiplier = map(float, law)
     law_and_rate = weber_fraction, floor_n, multiplier, float(rate_hz)
     asked = announced, float(share), predicted, coupling
-    return Request(codec, numbers, *law_and_rate, axes, name, ticket, clock_us, *asked, vibration=vibration)
+    return Request(
+        codec, numbers, *law_and_rate, axes, name, ticket, clock_us, *asked, vibration=vibration, parts=parts
+    )
+
+
+def _parts(parts: Any) -> tuple[tuple[str, ...], dict[str, tuple[float, float]]] | None:
+    """Return the parts of a request, and the thresholds of their kinds; None if nil."""
+    if parts is None:
+        return None
+    _require(type(parts) is tuple and len(parts) == 2, "parts", parts)
+    texts, thresholds = parts
+    _require(type(texts) is tuple and all(_is_text(text, NAME_BYTES) for text in texts), "parts", texts)
+    _require(type(thresholds) is dict, "thresholds", thresholds)
+    for kind, numbers in thresholds.items():
+        good = _is_text(kind, NAME_BYTES) and type(numbers) is tuple and len(numbers) == 2
+        _require(good and all(map(_is_number, numbers)), "threshold", kind)
+    return texts, {kind: (float(fraction), float(floor)) for kind, (fraction, floor) in thresholds.items()}
 
 
 def _numbers(name: Any, parameters: Any, what: str) -> dict[str, float]:

@@ -16,13 +16,12 @@ import math
 from collections import deque
 from typing import Final, NamedTuple
 
+from hapticnet.parts import apart_function
 from hapticnet.perception import WeberLaw
 from hapticnet.protocol.settings import SessionSettings
 from hapticnet.protocol.stats import NO_LOSS, Loss, datagrams_needed
 from hapticnet.protocol.wire import distance
 from hapticnet.samples import Vector
-from hapticnet.vectors import distance as apart
-from hapticnet.vectors import magnitude
 
 INITIAL_TIMEOUT_US: Final = 100_000
 SHORTEST_TIMEOUT_US: Final = 5_000
@@ -67,7 +66,7 @@ class Repair:
         self._longest_us = settings.sparse_keepalive_us if sparse else settings.keepalive_us
         self.keepalive_us = self._longest_us  # the longest silence at present [µs]
         self._settings = settings.repair
-        self._law = law
+        self._apart = apart_function(law)
         self._age_limit_us = settings.stale_after_us  # silence after which the master releases the force
         self._recovering = False
         self._sent: deque[Sent] = deque(maxlen=MOST_REMEMBERED)  # oldest first
@@ -201,7 +200,7 @@ class Repair:
         for entry in reversed(self._sent):
             if doubt + all_lost <= limit:
                 break
-            miss = 0.0 if entry.before is None else self._miss(x, entry.before)
+            miss = 0.0 if entry.before is None else self._apart(x, entry.before)
             if miss > 1.0:
                 doubt += all_lost * (1.0 - again)
                 newest_miss = newest_miss or miss
@@ -212,13 +211,6 @@ class Repair:
         if doubt <= limit:
             return math.inf
         return max(self._settings.shortest_wait_us, self._settings.longest_wait_us / newest_miss)
-
-    def _miss(self, x: Vector, before: Vector) -> float:
-        """Return the distance of x from the held stimulus in JNDs."""
-        jnd_n = self._law.jnd_n(magnitude(before))
-        away_n = apart(x, before)
-        # A Weber law without floor has no JND at 0: any miss is then infinite.
-        return away_n / jnd_n if jnd_n else (math.inf if away_n else 0.0)
 
     def _pace(self) -> None:
         """Choose the longest silence: the largest that leaves enough chances for a datagram within the age limit."""

@@ -3,7 +3,6 @@
 from collections.abc import Callable
 from typing import Final, TypeVar
 
-from hapticnet.perception import WeberLaw
 from hapticnet.protocol.buckets import TokenBucket
 from hapticnet.protocol.messages import (
     REASON_BYTES,
@@ -70,8 +69,7 @@ class SlaveSession:
         self._sent_since: int | None = None  # the first datagram with it
         self._position_t_us = request.clock_us
         self.heard_us = now_us
-        law = WeberLaw(weber_fraction=request.weber_fraction, floor_n=request.floor_n, multiplier=request.multiplier)
-        self.repair = Repair(settings, law, now_us, sparse=sparse)
+        self.repair = Repair(settings, request.law(), now_us, sparse=sparse)
         self.round_trip = RoundTrip()
         self._policed = TokenBucket(POLICED_SHARE * rate_hz, max(32.0, POLICED_BURST_S * rate_hz))
 

@@ -58,7 +58,7 @@ MAX_DATAGRAM_BYTES: Final = 1200
 """Larger datagrams are dropped. Fits every IPv6 path without fragments (RFC 8200 §5: 1280 B links)."""
 
 UDP_IPV4_HEADER_BYTES: Final = 28  # IPv4 header without options (RFC 791, 20 B) and UDP header (RFC 768, 8 B)
-MAX_ELEMENTS: Final = 16  # most elements of an array or map
+MAX_ELEMENTS: Final = 32  # most elements of an array or map
 
 
 @plain_members

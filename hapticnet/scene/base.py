@@ -5,10 +5,11 @@ from collections.abc import Callable, Sequence
 from typing import Any, Final, Protocol
 
 from hapticnet.errors import SettingsError, UserCodeError
+from hapticnet.parts import Parts, declared
 from hapticnet.samples import ForceSample, PositionSample
 from hapticnet.scene.ahead import LookAhead
 from hapticnet.stiffness_bound import StiffnessBound
-from hapticnet.user_code import attribute_of, axes_of, failure, method_of, raised, report_of, short, vector_from
+from hapticnet.user_code import attribute_of, failure, method_of, raised, report_of, short, vector_from
 
 
 class Touchable(Protocol):
@@ -33,6 +34,8 @@ class Touchable(Protocol):
     A real object without copies may have an attribute ``moves_ahead_n``: it may be stepped at positions where the hand
     is expected, while the round trip is short (`node.hand_predictor.LONGEST_LEAD_US`) and the force is below this many
     newtons. **It then moves to places where the hand may never be.**
+
+    If it has an attribute ``parts`` that is not empty, its positions and forces have those parts (`hapticnet.parts`).
     """
 
     @property
@@ -74,6 +77,12 @@ def lead_limit_n(scene: Touchable) -> float:
     return float(getattr(scene, "moves_ahead_n", 0.0))
 
 
+def scene_parts(scene: Touchable) -> Parts:
+    """Return the parts of a scene's positions and forces; none if they are one force."""
+    parts: Parts = getattr(scene, "parts", ())
+    return parts
+
+
 def breaches_of(scene: Touchable) -> int:
     """Return the number of surfaces breached so far; 0 if unknown."""
     return int(getattr(scene, "breaches", 0))
@@ -93,10 +102,11 @@ class UserScene:
     """An object of the user's, with its results checked. Satisfies `Touchable`.
 
     Its ``step(sample)`` is called with a `PositionSample` and returns a `ForceSample`, a number, or a sequence of
-    numbers, one for each axis [N]. Optional attributes: ``axes`` (1 to 3; default 1), ``name``, ``breaches`` and
-    ``moves_ahead_n``; optional methods: ``welcome(master)``, ``next_line()``, ``report()``, ``ahead()``,
-    ``stiffness_bound()`` and ``copy()``. `what` names the object in messages, such as "scene own.py:Mine". Raise
-    SettingsError if ``step`` cannot be called with one argument, or an attribute cannot be used.
+    numbers, one for each axis [N]. Optional attributes: ``axes`` (1 to 3; default 1) or ``parts``, such as
+    ``("force:3", "torque:3", "grip:1")``; ``name``, ``breaches`` and ``moves_ahead_n``; optional methods:
+    ``welcome(master)``, ``next_line()``, ``report()``, ``ahead()``, ``stiffness_bound()`` and ``copy()``. `what` names
+    the object in messages, such as "scene own.py:Mine". Raise SettingsError if ``step`` cannot be called with one
+    argument, or an attribute cannot be used.
     """
 
     __slots__ = (
@@ -109,6 +119,7 @@ class UserScene:
         "moves_ahead_n",
         "name",
         "next_line",
+        "parts",
         "stiffness_bound",
         "touched",
         "what",
@@ -119,7 +130,7 @@ class UserScene:
         self.what = what
         self._step: Callable[[PositionSample], Any] = method_of(touched, "step(sample)", what)
         self._method = f"{type(touched).__name__}.step"
-        self.axes = axes_of(touched, what)
+        self.axes, self.parts = declared(touched, what)
         name = attribute_of(touched, "name", type(touched).__name__, what)
         if not isinstance(name, str) or not name.isprintable() or not 0 < len(name.encode()) <= LONGEST_NAME:
             raise SettingsError(f"{what}: name is {short(name)}; it must be text, 1 to {LONGEST_NAME} printable bytes")

@@ -87,7 +87,7 @@ def to_slave():
         data = msgpack.packb(framed(body=msgpack.packb([2000, None, PLACE, 0, 0, bytes(size - bare)])))
         assert len(data) == size
         yield f"{size} bytes", data, outcome
-    yield "17 fields", msgpack.packb(framed(body=msgpack.packb([2000, None, PLACE, *range(14)]))), "dropped"
+    yield "33 fields", msgpack.packb(framed(body=msgpack.packb([2000, None, PLACE, *range(30)]))), "dropped"
     yield "position as a map", framed(body=msgpack.packb({1: 2})), "dropped"
     for name, place in (("t_us", 0), ("newest", 1), ("payload", 2), ("share", 3), ("again", 4)):
         values = dict(TOO_BIG)
@@ -145,7 +145,7 @@ def by_repr(*values):
 
 def requests():
     yield "as it is", REQUEST, "taken"
-    yield "fields of a later revision", [*REQUEST, False, None, None, 7], "taken"
+    yield "fields of a later revision", [*REQUEST, False, None, None, None, 7], "taken"
     yield "predicted is 1", [*REQUEST, 1], "dropped"
     yield "a coupling that is a number", [*REQUEST, False, 7], "dropped"
     yield "a coupling without parameters", [*REQUEST, False, ["wave"]], "dropped"
@@ -161,6 +161,19 @@ def requests():
     for value in ([499.0, 0.1], [1e7, 0.1], [4000.0, 0.0], [4000.0, 11.0]):
         yield f"vibration is {value}", [*REQUEST, False, None, value], 3
     yield "a coupling that is not known", [*REQUEST, False, ["rope", {}]], 2
+    pose = ["force:3", "torque:3"]
+    yield "parts that are text", [*REQUEST, False, None, None, "force:3"], "dropped"
+    yield "parts without thresholds", [*REQUEST, False, None, None, [pose]], "dropped"
+    yield "a part that is a number", [*REQUEST, False, None, None, [["force:3", 3], {}]], "dropped"
+    yield "a threshold of one number", [*REQUEST, False, None, None, [pose, {"torque": [0.1]}]], "dropped"
+    yield "25 axes", [*REQUEST[:6], 25, *REQUEST[7:], False, None, None, [pose, {}]], "dropped"
+    yield "a part that is not known", [*REQUEST, False, None, None, [["force:3", "slip:2"], {}]], 3
+    yield "a part twice", [*REQUEST, False, None, None, [["force:1", "force:1"], {}]], 3
+    yield "a grip of three axes", [*REQUEST, False, None, None, [["force:1", "grip:3"], {}]], 3
+    yield "a threshold of 0", [*REQUEST, False, None, None, [pose, {"torque": [0.1, 0.0]}]], 3
+    yield "a threshold of a kind that is not known", [*REQUEST, False, None, None, [pose, {"slip": [0.1, 0.1]}]], 3
+    yield "parts that do not give the axes", [*REQUEST, False, None, None, [pose, {}]], 4
+    yield "parts that the scene does not have", [*REQUEST[:6], 6, *REQUEST[7:], False, None, None, [pose, {}]], 4
     yield "eleven fields", REQUEST[:11], "dropped"
     yield "a codec that is not known", ["mp3", *REQUEST[1:]], 2
     yield "a parameter that is not known", ["deadband", {"window_ms": 1.0}, *REQUEST[2:]], 3
