@@ -72,11 +72,8 @@ def tool_of(spec: Any, name: str, what: str) -> Any:
     return body
 
 
-def slides(spec: Any, tool: Any, coordinates: Sequence[int], pose: FloatArray, armature_kg: float) -> None:
-    """Let a tool move along axes of a frame only, whatever joints it had; `pose` is its rotation to that frame.
-
-    What joined it to a mocap body is deleted: the coupling takes its place.
-    """
+def _loosen(spec: Any, tool: Any) -> None:
+    """Delete the joints of a tool, and what joins it to a mocap body: the coupling takes its place. Take its weight."""
     mocaps = {each.name for each in spec.bodies if each.mocap and each.name != tool.name}
     for equality in list(spec.equalities):
         if tool.name in (equality.name1, equality.name2) and mocaps & {equality.name1, equality.name2}:
@@ -84,6 +81,11 @@ def slides(spec: Any, tool: Any, coordinates: Sequence[int], pose: FloatArray, a
     for joint in list(tool.joints):
         spec.delete(joint)
     tool.mocap, tool.gravcomp = False, 1.0
+
+
+def slides(spec: Any, tool: Any, coordinates: Sequence[int], pose: FloatArray, armature_kg: float) -> None:
+    """Let a tool move along axes of a frame only, whatever joints it had; `pose` is its rotation to that frame."""
+    _loosen(spec, tool)
     for coordinate in coordinates:
         tool.add_joint(
             name=f"{PREFIX} {coordinate}",
@@ -113,5 +115,38 @@ def couple(spec: Any, tool: Any, centre: FloatArray, frame: str, axes: Sequence[
         type=mujoco.mjtSensor.mjSENS_CONTACT,
         objtype=mujoco.mjtObj.mjOBJ_XBODY,  # the tool and all that hangs on it
         objname=tool.name,
+        intprm=[1 << int(mujoco.mjtConDataField.mjCONDATA_FORCE), NET_FORCE, 1],
+    )
+
+
+def float_freely(spec: Any, tool: Any) -> None:
+    """Let a tool move and turn freely, whatever joints it had. It and its child bodies have no weight."""
+    _loosen(spec, tool)
+    tool.add_freejoint(name=f"{PREFIX} pose")
+    for each in tool.find_all("body"):
+        each.gravcomp = 1.0
+
+
+def couple_pose(spec: Any, point: str, position: FloatArray, quat: FloatArray, grip: tuple[Any, str] | None) -> None:
+    """Add a mocap body at a pose, and actuators that pull a site of the tool to it along and about its axes.
+
+    `grip` is the kind (of transmission) and the name of what opens the gripper, if there is one.
+    """
+    hand = spec.worldbody.add_body(name=f"{PREFIX} hand", mocap=True, pos=position, quat=quat)
+    hand.add_site(name=f"{PREFIX} hand")
+    shared = {"gaintype": mujoco.mjtGain.mjGAIN_FIXED, "biastype": mujoco.mjtBias.mjBIAS_AFFINE}
+    for index in range(6):
+        spec.add_actuator(
+            name=f"{PREFIX} {index}", trntype=mujoco.mjtTrn.mjTRN_SITE, target=point, refsite=f"{PREFIX} hand",
+            gear=np.eye(6)[index], **shared,
+        )  # fmt: skip
+    if grip is not None:
+        kind, target = grip
+        spec.add_actuator(name=f"{PREFIX} grip", trntype=kind, target=target, **shared)
+    spec.add_sensor(
+        name=f"{PREFIX} contact",
+        type=mujoco.mjtSensor.mjSENS_CONTACT,
+        objtype=mujoco.mjtObj.mjOBJ_XBODY,
+        objname=spec.site(point).parent.name,
         intprm=[1 << int(mujoco.mjtConDataField.mjCONDATA_FORCE), NET_FORCE, 1],
     )
