@@ -28,6 +28,10 @@ would trigger the deadband. Below 0.5 N the JND is therefore constant.
 SMALLEST: Final = 1e-12
 """Smallest nonzero Weber fraction, floor [N] and multiplier: far below any sense, yet errors in JNDs stay finite."""
 
+LARGEST_FRACTION: Final = 1.0
+LARGEST_FLOOR_N: Final = 1e9
+LARGEST_MULTIPLIER: Final = 1e3
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class WeberLaw:
@@ -56,9 +60,9 @@ class WeberLaw:
 
     def __post_init__(self) -> None:
         for name, value, largest in (
-            ("Weber fraction", self.weber_fraction, 1.0),
-            ("JND floor", self.floor_n, 1e9),
-            ("JND multiplier", self.multiplier, 1e3),
+            ("Weber fraction", self.weber_fraction, LARGEST_FRACTION),
+            ("JND floor", self.floor_n, LARGEST_FLOOR_N),
+            ("JND multiplier", self.multiplier, LARGEST_MULTIPLIER),
         ):
             check_parameter(name, value, SMALLEST, largest, zero_allowed=True)
 

@@ -10,6 +10,7 @@ from hapticnet.hardware import MAX_FORCE_N
 from hapticnet.parts import KINDS, PartsLaw
 from hapticnet.perception import WeberLaw
 from hapticnet.samples import MAX_AXES, Vector
+from hapticnet.vectors import magnitude, times
 
 SLEW_N_PER_S: Final = 50.0
 """Largest rate of rise [N/s] of the target, and of the held force after the link recovers (``hold.py``). An assumption:
@@ -211,13 +212,13 @@ class Hold:
     def _note_share(self, share: float) -> None:
         """Note that this share of the stimulus is applied now, and that it may rise only from there."""
         self._share = share
-        self._applied_n = math.hypot(*[component * share for component in self._force_n])
+        self._applied_n = magnitude(times(self._force_n, share))
         self._whole = False
         self._elapsed_us = 0
 
     def _rise(self) -> None:
         """Raise the share as far as the magnitude of the force may grow in the time elapsed."""
-        wanted_n = math.hypot(*self._force_n)
+        wanted_n = magnitude(self._force_n)
         highest_n = self._applied_n + self._rise_n_per_us * self._elapsed_us
         self._elapsed_us = 0
         self._whole = wanted_n <= highest_n

@@ -1,0 +1,60 @@
+/* A master: it moves in and out of the slave's scene for some seconds, and prints what it would feel.
+ * First: hapticnet slave --scene paper. Then: build/master [ADDRESS [PORT [SECONDS]]] */
+#include <arpa/inet.h>
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <sys/random.h>
+#include <time.h>
+#include <unistd.h>
+
+#include "hapticnet.h"
+
+static int64_t now_us(void)
+{
+    struct timespec t;
+    clock_gettime(CLOCK_MONOTONIC, &t);
+    return (int64_t)t.tv_sec * 1000000 + t.tv_nsec / 1000;
+}
+
+static uint32_t random32(void *context)
+{
+    uint32_t bits;
+    (void)context, (void)!getrandom(&bits, sizeof bits, 0);
+    return bits;
+}
+
+int main(int argc, char **argv)
+{
+    static hn_master master;
+    const hn_request request = {"deadband", "C", {{0}}, 0.05, 0.025, 1.0, 1000.0, 1};
+    struct sockaddr_in slave = {.sin_family = AF_INET, .sin_port = htons((uint16_t)atoi(argc > 2 ? argv[2] : "47800"))};
+    int link = socket(AF_INET, SOCK_DGRAM, 0);
+    if (inet_pton(AF_INET, argc > 1 ? argv[1] : "127.0.0.1", &slave.sin_addr) != 1 ||
+        connect(link, (struct sockaddr *)&slave, sizeof slave) != 0 ||
+        hn_master_init(&master, &request, random32, NULL) != NULL)
+        return 2;
+
+    double force_n[1], seconds = argc > 3 ? atof(argv[3]) : 5.0;
+    uint8_t data[HN_DATAGRAM_BYTES + 1]; /* a byte more, so that a longer datagram is seen to be one */
+    int64_t start_us = now_us(), due_us = start_us;
+    for (int64_t tick = 0; hn_master_state(&master) != HN_CLOSED; tick++, due_us += 1000) {
+        double x_m = 0.015 * (1.0 - cos(6.283185307 * (double)(due_us - start_us) * 1e-6 / seconds));
+        if (tick == (int64_t)(seconds * 1e3))
+            hn_master_close(&master, "done", now_us());
+        hn_master_tick(&master, &x_m, now_us());
+        hn_master_force(&master, force_n, now_us());
+        if (tick % 100 == 0)
+            printf("%6.2f mm  %6.2f N\n", x_m * 1e3, force_n[0]);
+        do {
+            for (size_t size; (size = hn_master_send(&master, data)) > 0;)
+                send(link, data, size, MSG_DONTWAIT);
+            ssize_t got = recv(link, data, sizeof data, MSG_DONTWAIT);
+            if (got > 0)
+                hn_master_receive(&master, data, (size_t)got, now_us());
+            else
+                usleep(50);
+        } while (now_us() < due_us + 1000);
+    }
+    return 0;
+}

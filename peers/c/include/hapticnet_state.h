@@ -1,0 +1,141 @@
+/* The state of both ends. Its fields are the library's own: a program needs the sizes only, to keep the state where it
+ * likes. Times are in microseconds of the program's clock, lengths in metres, forces in newtons. */
+#ifndef HAPTICNET_STATE_H
+#define HAPTICNET_STATE_H
+
+typedef double hn_vector[HN_MOST_AXES];
+
+typedef struct {
+    bool is_set;
+    uint32_t value;
+} hn_maybe; /* a uint32 or nil */
+
+/* Which sequence numbers have arrived. */
+typedef struct {
+    uint32_t newest;
+    uint32_t seen[HN_WINDOW / 32]; /* a bit for each number, modulo HN_WINDOW */
+    hn_maybe after_leap;           /* the number that would show that a leap is right */
+    uint32_t behind;               /* the last arrival far behind the newest, and how many came in a row */
+    unsigned behind_run;
+} hn_arrivals;
+
+/* The share of lost datagrams, and of losses that another one follows. */
+typedef struct {
+    uint32_t newest;
+    unsigned arrived; /* a bit for each of the newest HN_REORDERED numbers */
+    double count, lost, before_next, lost_again;
+    bool was_lost;
+} hn_loss;
+
+typedef struct {
+    bool has_position; /* and the time and the velocity [m/s] there */
+    int64_t t_us;
+    hn_vector position_m, velocity_m_s;
+} hn_motion;
+
+typedef struct {
+    int64_t t_us;
+    hn_vector value;
+} hn_update;
+
+/* The numbers of a request that a codec works with. */
+typedef struct {
+    int codec;
+    unsigned axes;
+    double set[HN_MOST_PARAMETERS]; /* its parameters, in its order */
+    double weber_fraction, floor_n, multiplier;
+} hn_settings;
+
+/* Turns payloads into the stimulus to apply. */
+typedef struct {
+    hn_settings settings;
+    double step_n, horizon_ms; /* of its parameters, zero without one */
+    bool has_update;
+    int64_t t_us; /* of the newest update */
+    hn_vector value;
+    hn_vector slope; /* of a line [N/s], or the travel of a curve [N] */
+    hn_motion at;    /* the receiver's own, if the codec follows it */
+    union {
+        struct {
+            int kind;
+            hn_vector normal;
+            double stiffness, viscosity;
+        } motion;
+        struct {
+            bool has_direction;
+            hn_vector direction, from;
+            double ramp_us, delta;
+        } passive;
+        struct {
+            bool is_wall;
+            hn_vector normal;
+            double surface_m, missing_n;
+        } wall;
+        struct {
+            hn_update known[16]; /* oldest first */
+            unsigned count;
+            unsigned number; /* of the newest update; above 127: none */
+            uint64_t sum, n;
+        } squares;
+    } of;
+} hn_decoder;
+
+/* The stimulus that is applied: held while the link is alive, then released. */
+typedef struct {
+    unsigned axes;
+    hn_vector stimulus_n;
+    int64_t now_us, age_us, elapsed_us;
+    bool starts, whole;
+    double share, applied_n;
+} hn_hold;
+
+/* One granted session at the master's end. */
+typedef struct {
+    bool answers; /* whether datagrams of this session count */
+    uint32_t number, sequence;
+    hn_maybe newest_force, confirmed;
+    unsigned positions;
+    hn_arrivals arrivals;
+    hn_loss loss;
+    hn_decoder decoder;
+    bool felt; /* whether a FORCE was applied; its time stamp and arrival */
+    int64_t felt_t_us, felt_us;
+} hn_stream;
+
+typedef struct hn_master {
+    hn_state state;
+    hn_request request;
+    hn_entropy *entropy;
+    void *context;
+    hn_counts counts;
+    char reason[HN_REASON_BYTES + 1];
+    unsigned code;
+    /* asking for a session */
+    bool asking, attempted, has_cookie, tried, hello_due;
+    uint32_t nonce;
+    uint8_t cookie[HN_COOKIE_BYTES];
+    int64_t clock_us, cookie_us, tried_us, hello_interval_us, refused_wait_us;
+    unsigned tries;
+    /* the sessions: `now` is that of the positions, `felt` that of the force. Two of them while they change. */
+    bool had_session;
+    uint8_t ticket[HN_TICKET_BYTES];
+    char scene[HN_NAME_BYTES + 1];
+    int64_t keepalive_us, position_period_us, position_due_us;
+    hn_stream streams[2];
+    hn_stream *now, *felt;
+    /* whether answers are fresh */
+    int64_t heard_us, newest_t_us, stale_us, pace_us, too_old_us;
+    bool too_old, doubted;
+    double pace_interval_us;
+    /* this period */
+    bool has_position, position_due;
+    hn_vector position_m;
+    int64_t position_us;
+    hn_hold hold;
+    /* closing */
+    bool close_due, close_timed;
+    int64_t close_us;
+    unsigned closes_left;
+} hn_master;
+
+#endif

@@ -1,0 +1,603 @@
+/* The master: docs/refer/protocol.md, "What the master does". */
+#include <math.h>
+#include <string.h>
+
+#include "arrivals.h"
+#include "decoder.h"
+#include "hold.h"
+#include "messages.h"
+
+static bool is_streaming(const hn_master *m)
+{
+    return m->state == HN_ESTABLISHED || m->state == HN_STALE;
+}
+
+/* Asking for a session */
+
+static void ask(hn_master *m)
+{
+    if (m->asking)
+        return;
+    m->asking = true;
+    m->tries = 0;
+    m->hello_interval_us = HN_HELLO_INTERVAL_US;
+}
+
+static void stop_asking(hn_master *m)
+{
+    m->asking = m->attempted = m->hello_due = false;
+}
+
+static void begin_attempt(hn_master *m, int64_t now_us)
+{
+    m->attempted = true;
+    m->has_cookie = false;
+    m->nonce = m->entropy(m->context);
+    m->clock_us = now_us;
+    if (m->tries == 0)
+        m->hello_interval_us = HN_HELLO_INTERVAL_US;
+}
+
+static void tick_asking(hn_master *m, int64_t now_us)
+{
+    int64_t waited_us = now_us - m->tried_us; /* below 0: the clock went back */
+    if (!m->asking || (m->tried && 0 <= waited_us && waited_us < m->hello_interval_us))
+        return;
+    if (!m->attempted || (m->has_cookie && now_us - m->cookie_us > HN_NEW_ATTEMPT_US))
+        begin_attempt(m, now_us);
+    if (++m->tries > HN_QUICK_HELLOS)
+        m->hello_interval_us = (int64_t)fmin(rint((double)m->hello_interval_us * HN_HELLO_GROWTH), HN_SLOWEST_HELLO_US);
+    m->tried = m->hello_due = true;
+    m->tried_us = now_us;
+}
+
+/* Take the settings of a request; return NULL or what is wrong with it. */
+static const char *take_settings(const hn_request *request, hn_settings *s)
+{
+    *s = (hn_settings){
+        .codec = request->codec == NULL ? HN_CODEC_UNKNOWN : hn_codec_named(hn_text(request->codec)),
+        .axes = request->axes,
+        .weber_fraction = request->weber_fraction,
+        .floor_n = request->floor_n,
+        .multiplier = request->multiplier,
+    };
+    hn_set_defaults(s);
+    for (unsigned i = 0; i < HN_MOST_PARAMETERS && request->parameters[i].name != NULL; i++)
+        if (!hn_set(s, hn_text(request->parameters[i].name), request->parameters[i].value))
+            return "the codec has no such parameter, or its value is out of range";
+    if (s->codec == HN_CODEC_UNKNOWN)
+        return "there is no such codec";
+    if (hn_follows_motion(s->codec))
+        return "this library's master has no codecs that follow the hand";
+    if (s->axes < 1 || s->axes > HN_MOST_AXES)
+        return "the axes must be 1 to 3";
+    if (!(HN_LEAST_RATE_HZ <= request->rate_hz && request->rate_hz <= HN_MOST_RATE_HZ))
+        return "the rate must be 20 to 100000 Hz";
+    if (!hn_law_is_allowed(s))
+        return "the just-noticeable difference is out of range";
+    if (request->name == NULL || !hn_is_text(hn_text(request->name), HN_NAME_BYTES))
+        return "the name must be at most 64 bytes of printable UTF-8";
+    return NULL;
+}
+
+static size_t send_hello(hn_master *m, uint8_t *data)
+{
+    uint8_t packed[HN_DATAGRAM_BYTES];
+    hn_asked asked = {
+        .codec = hn_text(m->request.codec),
+        .weber_fraction = m->request.weber_fraction,
+        .floor_n = m->request.floor_n,
+        .multiplier = m->request.multiplier,
+        .rate_hz = m->request.rate_hz,
+        .axes = m->request.axes,
+        .name = hn_text(m->request.name),
+        .ticket = {m->had_session ? m->ticket : NULL, HN_TICKET_BYTES},
+        .clock_us = (uint64_t)m->clock_us,
+    };
+    for (; asked.count < HN_MOST_PARAMETERS && m->request.parameters[asked.count].name != NULL; asked.count++) {
+        const hn_parameter *parameter = &m->request.parameters[asked.count];
+        asked.parameters[asked.count] = (hn_named){hn_text(parameter->name), parameter->value};
+    }
+    hn_bytes cookie = {m->cookie, m->has_cookie ? HN_COOKIE_BYTES : 0};
+    hn_hello hello = {m->nonce, cookie, hn_pack_asked(packed, sizeof packed, &asked), {NULL, 0}};
+    return hn_write_hello(data, 0, &hello);
+}
+
+/* Sessions */
+
+static void end(hn_master *m)
+{
+    stop_asking(m);
+    m->state = HN_CLOSED;
+    hn_hold_release(&m->hold);
+}
+
+static void note_reason(hn_master *m, const hn_ending *ending)
+{
+    hn_copy_text(m->reason, sizeof m->reason, ending->reason);
+    m->code = ending->code;
+}
+
+/* Use a granted session. The force of the one before continues until the first of this one is applied. */
+static void begin(hn_master *m, const hn_grant *grant, uint32_t sequence, int64_t now_us)
+{
+    hn_settings settings;
+    take_settings(&m->request, &settings);
+    hn_stream *next = m->felt->felt ? &m->streams[m->felt == m->streams] : m->felt;
+    memset(next, 0, sizeof *next);
+    next->answers = true;
+    next->number = grant->session;
+    next->sequence = 1;
+    hn_arrivals_init(&next->arrivals, sequence);
+    hn_loss_init(&next->loss, sequence);
+    hn_decoder_init(&next->decoder, &settings);
+    m->now = next;
+    if (m->felt != next)
+        m->felt->answers = m->felt->answers && m->felt->newest_force.is_set;
+
+    stop_asking(m);
+    m->refused_wait_us = HN_REFUSED_RETRY_US;
+    m->state = HN_ESTABLISHED;
+    m->had_session = true;
+    memcpy(m->ticket, grant->ticket.at, sizeof m->ticket);
+    hn_copy_text(m->scene, sizeof m->scene, grant->scene);
+    m->keepalive_us = grant->keepalive_us;
+    m->position_period_us = (int64_t)rint(1e6 / fmin(m->request.rate_hz, grant->rate_hz));
+    m->heard_us = now_us;
+    m->too_old = m->doubted = false;
+}
+
+static void receive_cookie(hn_master *m, const hn_frame *frame, int64_t now_us)
+{
+    hn_answer cookie;
+    if (!hn_read_answer(frame->body, HN_COOKIE, &cookie)) {
+        m->counts.malformed++;
+    } else if (!m->attempted || cookie.nonce != m->nonce) {
+        m->counts.stray++;
+    } else {
+        memcpy(m->cookie, cookie.bytes.at, sizeof m->cookie);
+        if (m->has_cookie) { /* only the first cookie of an attempt is answered at once */
+            m->counts.stray++;
+            return;
+        }
+        m->has_cookie = m->hello_due = true;
+        m->cookie_us = m->tried_us = now_us;
+    }
+}
+
+static void receive_welcome(hn_master *m, const hn_frame *frame, int64_t now_us)
+{
+    hn_answer welcome;
+    hn_grant grant;
+    if (!hn_read_answer(frame->body, HN_WELCOME, &welcome))
+        m->counts.malformed++;
+    else if (!m->attempted || welcome.nonce != m->nonce || frame->version != 1)
+        m->counts.stray++;
+    else if (!hn_read_grant(welcome.bytes, &grant) || grant.announced || grant.predicted || grant.vibrates ||
+             grant.position_share > 0.0)
+        m->counts.malformed++; /* it has something that was not asked for */
+    else
+        begin(m, &grant, frame->sequence, now_us);
+}
+
+static void receive_refuse(hn_master *m, const hn_frame *frame, int64_t now_us)
+{
+    hn_ending refuse;
+    if (!hn_read_ending(frame->body, HN_REFUSE, &refuse)) {
+        m->counts.malformed++;
+    } else if (!m->attempted || refuse.nonce != m->nonce) {
+        m->counts.stray++;
+    } else {
+        note_reason(m, &refuse);
+        if (!m->had_session && refuse.code != HN_CODE_STOPPING) {
+            end(m);
+            return;
+        }
+        m->attempted = m->hello_due = false; /* ask again, later after each refusal */
+        m->hello_interval_us = m->refused_wait_us;
+        m->refused_wait_us *= 2;
+        if (m->refused_wait_us > HN_SLOWEST_RETRY_US)
+            m->refused_wait_us = HN_SLOWEST_RETRY_US;
+        m->tries = 0;
+        m->tried = true;
+        m->tried_us = now_us;
+    }
+}
+
+/* Whether answers are fresh, and the link alive */
+
+static int64_t silent_us(hn_master *m, int64_t now_us)
+{
+    if (now_us < m->heard_us) /* a clock that went back must not shorten a silence */
+        m->heard_us = now_us;
+    return now_us - m->heard_us;
+}
+
+/* Return whether to ask for a new session while the present one continues. */
+static bool needs_another(hn_master *m, int64_t now_us)
+{
+    int64_t too_old_us = now_us - m->too_old_us, quiet_us = silent_us(m, now_us);
+    if (m->doubted && quiet_us > m->keepalive_us + HN_DOUBT_MARGIN_US)
+        return true;
+    /* A link that is too slow for this session would be too slow for another. */
+    bool is_slow = m->too_old && 0 <= too_old_us && too_old_us <= HN_ASK_AGAIN_US;
+    return m->state == HN_STALE && now_us - m->stale_us > HN_ASK_AGAIN_US && !is_slow;
+}
+
+static void stop_asking_if_content(hn_master *m, int64_t now_us)
+{
+    if (m->asking && !needs_another(m, now_us))
+        stop_asking(m);
+}
+
+/* Return whether an answer is fresh, and count it if not: its position was sent, and is not too old. */
+static bool is_fresh(hn_master *m, uint32_t echoed_t_us, hn_arrival arrival, int64_t now_us, int64_t *t_us)
+{
+    *t_us = hn_unwrap(echoed_t_us, now_us);
+    bool sent = *t_us <= m->newest_t_us;
+    if (sent && now_us - *t_us <= HN_MAX_AGE_US)
+        return true;
+    m->counts.too_old++;
+    if (sent && arrival == HN_NEW) {
+        m->too_old = true;
+        m->too_old_us = now_us;
+    }
+    if (m->state == HN_STALE && m->too_old)
+        stop_asking_if_content(m, now_us);
+    return false;
+}
+
+/* Note a fresh answer; only one newer than all before shows that the link is alive. */
+static void hear(hn_master *m, hn_arrival arrival, int64_t now_us)
+{
+    if (arrival != HN_NEW)
+        return;
+    m->heard_us = now_us;
+    m->too_old = m->doubted = false;
+    if (m->state == HN_STALE)
+        m->state = HN_ESTABLISHED;
+    stop_asking_if_content(m, now_us);
+}
+
+static void go_stale(hn_master *m, int64_t now_us)
+{
+    m->state = HN_STALE;
+    m->stale_us = m->pace_us = now_us;
+    m->pace_interval_us = 1000.0;
+}
+
+/* Return whether a position is due while the link is stale, and count it as sent. */
+static bool is_due_when_stale(hn_master *m, int64_t now_us)
+{
+    if (0 < m->pace_us - now_us && m->pace_us - now_us <= HN_STALE_INTERVAL_US)
+        return false;
+    m->pace_interval_us = fmin(HN_STALE_GROWTH * m->pace_interval_us, HN_STALE_INTERVAL_US);
+    m->pace_us = now_us + (int64_t)rint(m->pace_interval_us);
+    return true;
+}
+
+/* Forces */
+
+static hn_arrival arrive(hn_stream *s, uint32_t sequence)
+{
+    hn_arrival arrival = hn_arrive(&s->arrivals, sequence);
+    if (arrival == HN_NEW || arrival == HN_LATE)
+        hn_loss_arrived(&s->loss, sequence, arrival == HN_NEW);
+    return arrival;
+}
+
+static void apply(hn_master *m, hn_stream *s, uint32_t sequence, int64_t t_us, hn_bytes payload, int64_t now_us)
+{
+    hn_vector stimulus_n;
+    if (!hn_decode(&s->decoder, t_us, payload)) {
+        m->counts.malformed++; /* not acknowledged, so that the slave repairs it */
+        return;
+    }
+    s->newest_force = (hn_maybe){true, sequence};
+    s->felt = true;
+    s->felt_t_us = t_us;
+    s->felt_us = now_us;
+    if (s == m->now && s != m->felt) {
+        hn_hold_restart(&m->hold);
+        m->felt = s; /* and the rest of the old session is dropped */
+    }
+    if (s == m->now)
+        s->confirmed = s->newest_force;
+    hn_decoder_apply(&s->decoder, t_us, stimulus_n);
+    hn_hold_receive(&m->hold, stimulus_n, now_us);
+}
+
+static void receive_force(hn_master *m, hn_stream *s, const hn_frame *frame, int64_t now_us)
+{
+    hn_force force;
+    int64_t t_us;
+    if (!hn_read_force(frame->body, &force)) {
+        m->counts.malformed++;
+        return;
+    }
+    hn_arrival arrival = arrive(s, frame->sequence);
+    bool is_parting = s != m->now;
+    if (is_parting && arrival != HN_NEW)
+        return;
+    bool fresh = is_fresh(m, force.t_us, arrival, now_us, &t_us);
+    bool overtaken = arrival == HN_LATE && s->newest_force.is_set &&
+                     hn_distance(frame->sequence, s->newest_force.value) <= 0;
+    if (!fresh || overtaken || arrival == HN_ASTRAY || arrival == HN_DUPLICATE) {
+        m->counts.stray += arrival == HN_ASTRAY;
+        return;
+    }
+    hear(m, arrival, now_us);
+    if (is_parting)
+        s->newest_force = (hn_maybe){true, frame->sequence};
+    apply(m, s, frame->sequence, t_us, force.payload, now_us);
+}
+
+/* Return whether a KEEPALIVE that names a FORCE confirms the one applied: that FORCE, or a later one. */
+static bool confirms(const hn_stream *s, hn_maybe named)
+{
+    if (!named.is_set || !s->newest_force.is_set)
+        return named.is_set == s->newest_force.is_set;
+    return hn_distance(s->newest_force.value, named.value) >= 0;
+}
+
+static void receive_keepalive(hn_master *m, hn_stream *s, const hn_frame *frame, int64_t now_us)
+{
+    hn_keepalive keepalive;
+    int64_t t_us;
+    if (!hn_read_keepalive(frame->body, &keepalive)) {
+        m->counts.malformed++;
+        return;
+    }
+    hn_arrival arrival = arrive(s, frame->sequence);
+    if (s != m->now && arrival != HN_NEW)
+        return;
+    m->counts.stray += arrival == HN_ASTRAY;
+    if (!is_fresh(m, keepalive.t_us, arrival, now_us, &t_us) || arrival != HN_NEW)
+        return;
+    hear(m, arrival, now_us);
+    if (!confirms(s, keepalive.newest_force))
+        return;
+    if (s == m->now)
+        s->confirmed = (hn_maybe){true, frame->sequence};
+    if (s == m->felt && s->felt) /* a new session does not confirm the force of an earlier one */
+        hn_hold_confirm(&m->hold, now_us);
+}
+
+static void receive_close(hn_master *m, const hn_frame *frame)
+{
+    hn_ending close;
+    if (!hn_read_ending(frame->body, HN_CLOSE, &close)) {
+        m->counts.malformed++;
+        return;
+    }
+    hn_arrival arrival = hn_arrive(&m->now->arrivals, frame->sequence);
+    m->counts.stray += arrival == HN_ASTRAY;
+    if (arrival != HN_NEW)
+        return;
+    if (m->state != HN_CLOSING)
+        note_reason(m, &close);
+    if (m->state == HN_CLOSING || close.code == HN_CODE_FAILED) {
+        end(m);
+        return;
+    }
+    m->state = HN_CONNECTING;
+    m->streams[0].answers = m->streams[1].answers = false;
+    ask(m);
+}
+
+static void receive_notice(hn_master *m, const hn_frame *frame)
+{
+    hn_ending notice;
+    if (!hn_read_ending(frame->body, HN_NOTICE, &notice)) {
+        m->counts.malformed++;
+        return;
+    }
+    hn_arrival arrival = arrive(m->now, frame->sequence);
+    m->counts.stray += arrival == HN_ASTRAY;
+    if (arrival == HN_NEW || arrival == HN_LATE)
+        note_reason(m, &notice);
+}
+
+static void receive_reset(hn_master *m, const hn_frame *frame)
+{
+    int64_t back = hn_distance(m->now->sequence, frame->sequence);
+    if (back <= 0 || back > HN_RECENT)
+        m->counts.stray++; /* it answers nothing that was sent lately */
+    else if (m->state == HN_CLOSING)
+        end(m);
+    else
+        m->doubted = true;
+}
+
+static void receive_data(hn_master *m, const hn_frame *frame, int64_t now_us)
+{
+    hn_stream *s = m->now->answers && frame->session == m->now->number     ? m->now
+                   : m->felt->answers && frame->session == m->felt->number ? m->felt
+                                                                           : NULL;
+    if (s != NULL && frame->kind == HN_FORCE)
+        receive_force(m, s, frame, now_us);
+    else if (s != NULL && frame->kind == HN_KEEPALIVE)
+        receive_keepalive(m, s, frame, now_us);
+    else if (s == m->now && frame->kind == HN_CLOSE)
+        receive_close(m, frame);
+    else if (s == m->now && frame->kind == HN_NOTICE)
+        receive_notice(m, frame);
+    else if (s == m->now && frame->kind == HN_RESET)
+        receive_reset(m, frame);
+    else
+        m->counts.stray++;
+}
+
+void hn_master_receive(hn_master *m, const void *datagram, size_t size, int64_t now_us)
+{
+    hn_frame frame;
+    if (!hn_read_frame((hn_bytes){datagram, size}, &frame))
+        m->counts.malformed++;
+    else if (m->state == HN_CLOSED)
+        m->counts.stray++;
+    else if (frame.kind == HN_COOKIE)
+        receive_cookie(m, &frame, now_us);
+    else if (frame.kind == HN_WELCOME)
+        receive_welcome(m, &frame, now_us);
+    else if (frame.kind == HN_REFUSE)
+        receive_refuse(m, &frame, now_us);
+    else if (frame.version == 1)
+        receive_data(m, &frame, now_us);
+    else
+        m->counts.stray++;
+}
+
+/* Each period */
+
+static void repeat_close(hn_master *m, int64_t now_us)
+{
+    int64_t left_us = m->close_us - now_us;
+    if (m->close_timed && 0 < left_us && left_us <= HN_CLOSE_INTERVAL_US)
+        return;
+    m->close_timed = true;
+    m->close_us = now_us + HN_CLOSE_INTERVAL_US;
+    if (m->closes_left == 0) {
+        end(m);
+        return;
+    }
+    m->closes_left--;
+    m->close_due = true;
+}
+
+/* Return whether this tick is the one nearest to the time at which the next position is due. */
+static bool is_position_due(hn_master *m, int64_t now_us)
+{
+    int64_t period_us = (int64_t)rint(1e6 / m->request.rate_hz), wait_us = m->position_due_us - now_us;
+    if (m->position_period_us <= period_us)
+        return true;
+    if (2 * wait_us > period_us && wait_us <= m->position_period_us)
+        return false;
+    /* After missed ticks or a clock that jumped, the positions continue from now. */
+    bool kept = -m->position_period_us <= wait_us && wait_us <= m->position_period_us;
+    m->position_due_us = (kept ? m->position_due_us : now_us) + m->position_period_us;
+    return true;
+}
+
+void hn_master_tick(hn_master *m, const double position_m[], int64_t now_us)
+{
+    if (m->state == HN_CLOSING)
+        repeat_close(m, now_us);
+    else if (m->state == HN_ESTABLISHED && silent_us(m, now_us) > HN_STALE_AFTER_US)
+        go_stale(m, now_us);
+    if (is_streaming(m) && needs_another(m, now_us))
+        ask(m);
+    tick_asking(m, now_us);
+    m->position_due = false;
+    if (!is_streaming(m) || position_m == NULL || !hn_in_range(position_m, m->request.axes))
+        return;
+    memcpy(m->position_m, position_m, m->request.axes * sizeof *position_m);
+    m->has_position = true;
+    m->position_us = now_us;
+    if (is_position_due(m, now_us) && (m->state == HN_ESTABLISHED || is_due_when_stale(m, now_us))) {
+        m->position_due = true;
+        m->newest_t_us = now_us;
+    }
+}
+
+void hn_master_force(hn_master *m, double force_n[], int64_t now_us)
+{
+    hn_stream *s = m->felt;
+    if (s->felt) {
+        /* The newest position whose answer may have arrived; the next answer comes within this period. */
+        int64_t late_us = now_us - s->felt_us - m->position_period_us;
+        hn_vector stimulus_n;
+        hn_decoder_apply(&s->decoder, s->felt_t_us + (late_us > 0 ? late_us : 0), stimulus_n);
+        hn_hold_follow(&m->hold, stimulus_n, now_us);
+    }
+    hn_hold_value(&m->hold, force_n, now_us);
+    for (unsigned i = 0; i < m->request.axes && m->state == HN_CLOSED; i++)
+        force_n[i] = 0.0;
+}
+
+static size_t send_position(hn_master *m, uint8_t *data)
+{
+    hn_stream *s = m->now;
+    uint8_t payload[4 * HN_MOST_AXES];
+    for (unsigned i = 0; i < m->request.axes; i++)
+        hn_store_single(payload + 4 * i, m->position_m[i]);
+    hn_position position = {
+        .t_us = (uint32_t)(uint64_t)m->position_us,
+        .newest = s->confirmed,
+        .payload = {payload, 4 * m->request.axes},
+    };
+    if (++s->positions % HN_REPORT_EVERY == 0)
+        position.reports = hn_loss_estimate(&s->loss, &position.share, &position.again);
+    return hn_write_position(data, s->number, s->sequence++, &position);
+}
+
+size_t hn_master_send(hn_master *m, uint8_t datagram[HN_DATAGRAM_BYTES])
+{
+    if (m->hello_due) {
+        m->hello_due = false;
+        return send_hello(m, datagram);
+    }
+    if (m->close_due) {
+        hn_ending close = {.reason = hn_text(m->reason)};
+        m->close_due = false;
+        return hn_write_ending(datagram, HN_CLOSE, m->now->number, m->now->sequence++, &close);
+    }
+    if (m->position_due) {
+        m->position_due = false;
+        return is_streaming(m) ? send_position(m, datagram) : 0;
+    }
+    return 0;
+}
+
+void hn_master_close(hn_master *m, const char *reason, int64_t now_us)
+{
+    if (m->state == HN_CLOSING || m->state == HN_CLOSED)
+        return;
+    hn_bytes text = hn_text(reason);
+    if (!hn_is_text(text, HN_REASON_BYTES)) /* the slave would drop it */
+        text.size = 0;
+    stop_asking(m);
+    hn_copy_text(m->reason, sizeof m->reason, text);
+    m->code = HN_CODE_OTHER;
+    if (m->state == HN_CONNECTING) {
+        end(m);
+        return;
+    }
+    m->state = HN_CLOSING;
+    m->closes_left = HN_CLOSE_TRIES;
+    repeat_close(m, now_us);
+}
+
+const char *hn_master_init(hn_master *m, const hn_request *request, hn_entropy *entropy, void *context)
+{
+    hn_settings settings;
+    memset(m, 0, sizeof *m);
+    m->request = *request;
+    m->entropy = entropy;
+    m->context = context;
+    m->now = m->felt = m->streams;
+    m->refused_wait_us = HN_REFUSED_RETRY_US;
+    hn_hold_init(&m->hold, request->axes);
+    ask(m);
+    return take_settings(request, &settings);
+}
+
+hn_state hn_master_state(const hn_master *m)
+{
+    return m->state;
+}
+
+const char *hn_master_reason(const hn_master *m, unsigned *code)
+{
+    *code = m->code;
+    return m->reason;
+}
+
+const char *hn_master_scene(const hn_master *m)
+{
+    return m->scene;
+}
+
+hn_counts hn_master_counts(const hn_master *m)
+{
+    return m->counts;
+}

@@ -1,0 +1,155 @@
+"""The golden vectors of tests/vectors, and constants: one source for Python, C and the documents."""
+
+import ctypes
+import json
+import re
+import struct
+import subprocess
+import sys
+import unicodedata
+
+import msgpack
+import pytest
+
+import peer
+
+VECTORS = peer.HERE.parents[1] / "tests" / "vectors"
+CASES = json.loads((VECTORS / "codecs.json").read_text())["cases"]
+PROTOCOL = {each["name"]: each for each in json.loads((VECTORS / "protocol.json").read_text())["datagrams"]}
+REFUSED = json.loads((VECTORS / "refused.json").read_text())
+TRACES = json.loads((VECTORS / "traces.json").read_text())
+LAW_KEYS = "weber_fraction", "floor_n", "multiplier"
+LIMIT = 1200
+
+
+def law_of(case):
+    return {name: case[name] for name in LAW_KEYS}
+
+
+def bits(vector):
+    return [(float(component) + 0.0).hex() for component in vector]  # but for the sign of zero
+
+
+def test_the_constants_are_those_of_hapticnet():
+    """After a change: make -C peers/c constants PYTHON=$PWD/.venv/bin/python."""
+    made = subprocess.run([sys.executable, peer.HERE / "make_constants.py"], capture_output=True, text=True, check=True)
+    assert (peer.HERE / "include" / "hapticnet_constants.h").read_text() == made.stdout
+
+
+@pytest.mark.parametrize("case", CASES, ids=lambda case: case["name"])
+def test_the_decoders_of_every_codec_agree_with_the_golden_vectors_to_the_bit(lib, case):
+    decoder = peer.Decoder(lib, case["codec"], case["parameters"], law_of(case), case["axes"])
+    assert decoder.good
+    for t_us, _, position, payload, arrives, applied in case["samples"]:
+        if arrives:
+            assert decoder.decode(t_us, bytes.fromhex(payload)) == (arrives != "refused")
+        assert bits(decoder.applied(t_us, position)) == bits(applied)
+    for payload in case["refused"]:
+        assert not decoder.decode(t_us, bytes.fromhex(payload))
+    for t_us, position, applied in case["later"]:
+        assert bits(decoder.applied(t_us, position)) == bits(applied)
+
+
+@pytest.mark.parametrize("name", [name for name in PROTOCOL if not re.search("bound|vibration", name)])
+def test_each_datagram_is_read_and_written_again_to_the_byte(lib, name):
+    data, out = bytes.fromhex(PROTOCOL[name]["hex"]), ctypes.create_string_buffer(LIMIT)
+    size = lib.shim_repack(data, ctypes.c_size_t(len(data)), out)
+    assert out.raw[:size].hex() == data.hex()
+
+
+@pytest.mark.parametrize("name", [name for name in PROTOCOL if "bound" in name])
+def test_a_force_or_keepalive_with_a_bound_is_read_without_it(lib, name):
+    """Bounds belong to few positions, for which the library does not ask."""
+    data, out = bytes.fromhex(PROTOCOL[name]["hex"]), ctypes.create_string_buffer(LIMIT)
+    size = lib.shim_repack(data, ctypes.c_size_t(len(data)), out)
+    before, after = (msgpack.unpackb(msgpack.unpackb(each)[4]) for each in (data, out.raw[:size]))
+    assert after == before[:2]
+
+
+def test_a_vibration_that_nobody_asked_for_is_stray(lib):
+    master = OpenMaster(lib).master
+    master.receive_datagram(bytes.fromhex(PROTOCOL["vibration"]["hex"]), 1000)
+    assert master.counts == (0, 1, 0)
+
+
+class OpenMaster:
+    """A master with the session 0xdeadbeef of the vectors, whose WELCOME had sequence 0 and arrived at 0 us."""
+
+    def __init__(self, lib, *, codec="deadband", grant=None, **law):
+        self.master = peer.Master(
+            lib, lambda: 0x01020304, lambda _: self.place, codec=codec, **({"law": law} if law else {})
+        )
+        self.place = (0.0,)
+        self.master.tick(0)
+        (self.hello,) = self.master.datagrams_to_send()
+        welcome = bytes.fromhex(PROTOCOL["welcome"]["hex"])
+        if grant is not None:
+            body = msgpack.packb([0x01020304, grant])
+            welcome = msgpack.packb([*msgpack.unpackb(welcome)[:4], body])
+        self.master.receive_datagram(welcome, 0)
+
+
+def test_a_first_hello_is_that_of_the_vectors_but_for_name_and_clock(lib):
+    hello, wanted = (msgpack.unpackb(each) for each in (OpenMaster(lib).hello, bytes.fromhex(PROTOCOL["hello"]["hex"])))
+    assert hello[:4] == wanted[:4]
+    ours, theirs = (msgpack.unpackb(msgpack.unpackb(each[4])[2]) for each in (hello, wanted))
+    assert ours[:7] + ours[8:9] + ours[10:] == theirs[:7] + theirs[8:9] + theirs[10:]
+
+
+@pytest.mark.parametrize(
+    "case", [case for case in REFUSED["datagrams"] if case["to"] == "master"], ids=lambda case: case["name"]
+)
+def test_the_master_refuses_the_datagrams_that_it_must(lib, case):
+    master = OpenMaster(lib).master
+    for now_us in (1000, 2000):
+        master.tick(now_us)
+        master.datagrams_to_send()
+    master.receive_datagram(bytes.fromhex(case["hex"]), 2000)
+    state, (malformed, stray, too_old) = master.state, master.counts
+    assert malformed == (case["outcome"] in ("dropped", "not applied"))
+    assert (stray, too_old) == (0, 0)
+    assert state == "established"
+    master.tick(3000)
+    (position,) = master.datagrams_to_send()
+    acknowledged = msgpack.unpackb(msgpack.unpackb(position)[4])[1]
+    is_force = case["outcome"] == "taken" and "force" in case["name"]
+    assert (acknowledged is not None) == is_force
+
+
+@pytest.mark.parametrize("case", REFUSED["grants"], ids=lambda case: case["name"])
+def test_the_master_refuses_the_grants_that_it_must(lib, case):
+    master = OpenMaster(lib, grant=bytes.fromhex(case["hex"])).master
+    assert master.counts[0] == (case["outcome"] == "dropped")
+    assert master.state == ("connecting" if case["outcome"] == "dropped" else "established")
+
+
+@pytest.mark.parametrize(
+    "trace", [each for each in TRACES["traces"] if each["codec"] == "deadband"], ids=lambda trace: trace["name"]
+)
+def test_the_master_acknowledges_and_decodes_as_the_traces_say(lib, trace):
+    opened = OpenMaster(lib, codec=trace["codec"], **law_of(trace))
+    received = ctypes.c_double()
+    for tick in trace["ticks"]:
+        opened.place = tick["position_m"]
+        opened.master.tick(tick["now_us"])
+        (position,) = opened.master.datagrams_to_send()
+        t_us, newest, payload, *_ = msgpack.unpackb(msgpack.unpackb(position)[4])
+        assert (t_us, newest) == (tick["now_us"], tick["newest"])
+        assert payload == struct.pack(">f", *tick["position_m"])
+        for each in tick["arrives"]:
+            opened.master.receive_datagram(bytes.fromhex(each["hex"]), tick["now_us"])
+        lib.shim_received(opened.master.pointer, ctypes.c_int64(tick["now_us"]), ctypes.byref(received))
+        assert bits([received.value]) == bits(tick["stimulus_n"])
+
+
+def test_texts_are_those_that_hapticnet_prints(lib):
+    hidden = {"Cc", "Cf", "Cs", "Co", "Zl", "Zp", "Zs"}
+    for code in range(0x110000):
+        text, category = chr(code), unicodedata.category(chr(code))
+        data = text.encode("utf-8", "surrogatepass")
+        if category != "Cn":  # which code points exist depends on the version of Unicode
+            assert lib.shim_is_text(data, ctypes.c_size_t(len(data))) == (category not in hidden or text == " "), hex(
+                code
+            )
+    for broken in (b"\xc0\x80", b"\x80", b"\xe0\x80\x80", b"\xf4\x90\x80\x80", b"\xff", b"\xc3", b"\xf0\x9f\x98"):
+        assert not lib.shim_is_text(broken, ctypes.c_size_t(len(broken)))
