@@ -3,6 +3,7 @@
 import math
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import replace
 from functools import partial
 from typing import Any, Final
 
@@ -14,10 +15,10 @@ from hapticnet.errors import HapticnetError, PeerError, SampleError, SettingsErr
 from hapticnet.node.events import HeldBack
 from hapticnet.node.settings import MasterSettings
 from hapticnet.operator.base import Operator
-from hapticnet.parts import PartsLaw
+from hapticnet.parts import KINDS, PartsLaw
 from hapticnet.perception import WeberLaw
 from hapticnet.samples import Vector, checked_vector
-from hapticnet.vectors import magnitude, times
+from hapticnet.vectors import magnitude, over, times
 
 HELD_BACK_EVERY_US: Final = 5_000_000  # after this time [µs] without it, a force that is held back is told again
 
@@ -38,49 +39,55 @@ def catching() -> Iterator[None]:
 
 
 def ports_of_parts(port: Port, law: PartsLaw) -> list[Port]:
-    """Return the port of each part. The force limit of the device is that of each force; others have none."""
+    """Return the port of each part. The force limit of the device is that of each force; others have none.
+
+    A torque acts as the force at `LEVER_M` with the same work, because dampings and stiffnesses are those of movements.
+    """
     ports = []
     for part, each, own in zip(law.parts, law.slices(), law.laws, strict=True):
-        of_device = port.applied_n
+        lever, of_device = KINDS[part.kind].m_per_unit, port.applied_n
         ports.append(
             port._replace(
                 axes=part.axes,
-                law=own,
+                law=replace(own, floor_n=own.floor_n / lever),
                 max_force_n=port.max_force_n if part.kind == "force" else math.inf,
-                applied_n=None if of_device is None else partial(_part_of, of_device, each),
+                applied_n=None if of_device is None else partial(_part_of, of_device, each, lever),
             )
         )
     return ports
 
 
-def _part_of(applied_n: Callable[[], Vector], each: slice) -> Vector:
-    return applied_n()[each]
+def _part_of(applied_n: Callable[[], Vector], each: slice, lever: float) -> Vector:
+    return over(applied_n()[each], lever)
 
 
 class PartsEnd:
     """An end for each part. Each is passive at its own port, and so they are together. Satisfies `MasterEnd`."""
 
     def __init__(self, law: PartsLaw, ends: Sequence[MasterEnd]) -> None:
-        self._parts = tuple(zip(law.parts, law.slices(), ends, strict=True))
+        levers = [KINDS[part.kind].m_per_unit for part in law.parts]
+        self._labels = tuple(part.label for part in law.parts)
+        self._ends = tuple(zip(law.slices(), levers, ends, strict=True))
         self.held_back = 0
 
     def set_law(self, law: PartsLaw) -> None:
         """Tell the ends a new law."""
-        for (_, _, end), own in zip(self._parts, law.laws, strict=True):
+        for (_, lever, end), own in zip(self._ends, law.laws, strict=True):
             if isinstance(end, EnergyBound):
-                end.law = own
+                end.law = replace(own, floor_n=own.floor_n / lever)
 
     def limit(self, force_n: Vector, position_m: Vector, now_us: int, *, follows: bool) -> Vector:
         """Return the stimulus to apply until the next tick. See `MasterEnd.limit`."""
         limited: list[float] = []
-        for _, each, end in self._parts:
-            limited += end.limit(force_n[each], position_m[each], now_us, follows=follows)
-        self.held_back = sum(end.held_back for _, _, end in self._parts)
+        for each, lever, end in self._ends:
+            place_m = times(position_m[each], lever)
+            limited += times(end.limit(over(force_n[each], lever), place_m, now_us, follows=follows), lever)
+        self.held_back = sum(end.held_back for _, _, end in self._ends)
         return tuple(limited)
 
     def report(self) -> dict[str, dict[str, float]]:
         """Return the figures of each part for JSON."""
-        return {part.label: end.report() for part, _, end in self._parts}
+        return {label: end.report() for label, (_, _, end) in zip(self._labels, self._ends, strict=True)}
 
 
 class MasterCoupling:
@@ -96,9 +103,12 @@ class MasterCoupling:
         self.request: tuple[str, dict[str, float]] | None = None  # what the slave is asked for, if it takes part
         self._forward_bytes = self.feedback_bytes = 0  # data before a position and before a force [B]
         self._held_us = -HELD_BACK_EVERY_US  # last `check` [µs] before which the force was held back
+        if isinstance(law, PartsLaw) and isinstance(self._coupling, TwoPort):
+            raise SettingsError(
+                f"coupling {self._coupling.name!r} has an end at the slave, which is for one part only; positions have"
+                f" {len(law.parts)}"
+            )
         with catching():
-            if isinstance(law, PartsLaw) and isinstance(self._coupling, TwoPort):
-                raise SettingsError(f"{self._coupling.name!r} has an end at the slave, which is for one part only")
             if isinstance(self._coupling, TwoPort):
                 self.request = self._coupling.name, parameters_of(self._coupling)
                 self._forward_bytes, self.feedback_bytes = data_bytes(self._coupling, operator.axes)

@@ -190,6 +190,7 @@ class Rendering:
             self.fingertip = Fingertip(device, settings.limits, settings.control)
         self.with_loop = self.fingertip if isinstance(self.fingertip, Fingertip) else None  # with a force loop
         self._axis = device_axis(settings.device_takes, axes) if device is not None else None
+        self._axes = axes  # of the part that it renders
         self._tracking = RunningError(settings.law)
 
     @property
@@ -234,4 +235,4 @@ class Rendering:
 
     def _part(self, force_n: Vector) -> float:
         """Return the part of a force [N] that the device renders."""
-        return math.hypot(*force_n) if self._axis is None else force_n[self._axis]
+        return math.hypot(*force_n[: self._axes]) if self._axis is None else force_n[self._axis]

@@ -75,7 +75,8 @@ class MasterNode:
         self._feel: Any = getattr(operator, "feel", None)
         law = PartsLaw.of(self.parts, settings.law, settings.part_laws) if self.parts else settings.law
         self._codec = self._next_codec = make_codec(settings.codec, law, settings.parameters)
-        self._rendering = Rendering(device, settings, operator.axes)
+        first_axes = self.parts[0].axes if self.parts else operator.axes  # a device renders the first part
+        self._rendering = Rendering(device, settings, first_axes)
         # time [µs] between two ticks. No slave may slow the force loop down: its limits hold for the device's rate.
         self.period_us = round(1e6 / max(settings.rate_hz, self._rendering.least_rate_hz))
         self._coupling = MasterCoupling(settings, law, operator, self.period_us, self._rendering.largest_n)

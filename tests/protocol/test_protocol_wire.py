@@ -50,11 +50,13 @@ LATER = 6
 
 def raw(values):
     """Return values as the datagram holds them, of values as the file does."""
-    return tuple(
-        bytes.fromhex(value["hex"]) if isinstance(value, dict) and "hex" in value
-        else tuple(value) if isinstance(value, list) else value
-        for value in values
-    )  # fmt: skip
+    return tuple(map(raw_value, values))
+
+
+def raw_value(value):
+    if isinstance(value, dict):
+        return bytes.fromhex(value["hex"]) if "hex" in value else {key: raw_value(each) for key, each in value.items()}
+    return raw(value) if isinstance(value, list) else value
 
 
 def test_the_document_lists_every_kind_and_code():

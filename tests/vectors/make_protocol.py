@@ -30,6 +30,15 @@ GRANT = [SESSION, 1000.0, 45_000, "paper:1", TICKET, False, False, 0.0]
 AHEAD = [*REQUEST, True]
 PREDICTED = [SESSION + 2, *GRANT[1:], True]
 FELT = [*REQUEST, False, None, [4000.0, 0.1]]
+POSED = [
+    *REQUEST[:6],
+    7,
+    *REQUEST[7:],
+    False,
+    None,
+    None,
+    [["force:3", "torque:3", "grip:1"], {"torque": [0.1, 0.006]}],
+]
 VIBRATES = [SESSION + 3, *GRANT[1:], False, True]
 RESUMED = [SESSION + 1, 500.0, 45_000, "three axes", TICKET, True, True, 0.25]
 
@@ -59,6 +68,7 @@ OPENING = [
     ("hello that continues", "with the ticket of an earlier session", HELLO, 0, CONTINUED, CONTINUING),
     ("hello that asks for prediction", "a last field more", HELLO, 0, [NONCE, b"", packed(AHEAD), b""], AHEAD),
     ("hello that asks for vibration", "its budget and threshold", HELLO, 0, [NONCE, b"", packed(FELT), b""], FELT),
+    ("hello of several parts", "a threshold of torques", HELLO, 0, [NONCE, b"", packed(POSED), b""], POSED),
     ("welcome", "grants session 0xdeadbeef", WELCOME, SESSION, [NONCE, packed(GRANT)], GRANT),
     ("welcome that resumes", "goes on with a scene", WELCOME, SESSION + 1, [NONCE + 1, packed(RESUMED)], RESUMED),
     ("welcome that predicts", "the same", WELCOME, SESSION + 2, [NONCE, packed(PREDICTED)], PREDICTED),
@@ -105,6 +115,8 @@ def plain(value):
     """Return a value as JSON holds it."""
     if isinstance(value, bytes | bytearray):
         return {"hex": bytes(value).hex()}
+    if isinstance(value, dict):
+        return {key: plain(each) for key, each in value.items()}
     return [plain(each) for each in value] if isinstance(value, list | tuple) else value
 
 
