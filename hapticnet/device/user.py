@@ -12,7 +12,7 @@ from hapticnet.samples import LARGEST_COMPONENT
 from hapticnet.user_code import attribute_of, failure, method_of, raised, report_of, short
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Sequence
 
 TRAVEL_M: Final = 0.005  # travel [m] of a device that declares none
 LONGEST_TEXT: Final = 200  # most characters of a description or status
@@ -39,7 +39,9 @@ class HasApply(Protocol):
 class UserObject:
     """Base of both kinds of objects: limits, a description, a status, a report, and one checked method.
 
-    `made` has the method, written as its `form`; messages call it `what`, such as "device own.py:Mine".
+    `made` has the method, written as its `form`; messages call it `what`, such as "device own.py:Mine". An object may
+    also have ``vibrate(samples, rate_hz)``, which plays accelerations [m/s²] beside the force, those of each tick in
+    which something is felt. It limits them itself, and must not wait.
 
     Raise SettingsError if the method is missing or cannot be called this way, or an attribute cannot be used.
     """
@@ -52,6 +54,20 @@ class UserObject:
         self.max_force_n = _positive(made, "max_force_n", MAX_FORCE_N, LARGEST_FORCE_N, "N", what)
         self.description = _text(attribute_of(made, "description", f"{type(made).__name__} (own device)", what))
         self._otherwise = "ready"  # the status of an object without one
+        self._vibrate: Callable[[Any, float], Any] | None = attribute_of(made, "vibrate", None, what)
+
+    @property
+    def shakes(self) -> bool:
+        """Whether the object renders vibration: whether it has ``vibrate(samples, rate_hz)``."""
+        return self._vibrate is not None
+
+    def vibrate(self, samples: "Sequence[float]", rate_hz: float) -> None:
+        """Play accelerations [m/s²] at a rate [Hz]; raise UserCodeError if the object raises."""
+        if self._vibrate is not None:
+            try:
+                self._vibrate(samples, rate_hz)
+            except BaseException as error:
+                raise failure(f"{type(self.made).__name__}.vibrate", error) from error
 
     @property
     def status(self) -> str:

@@ -36,7 +36,15 @@ from hapticnet.protocol.messages import (
 from hapticnet.protocol.settings import Entropy, SessionSettings, random_bytes
 from hapticnet.protocol.slave_session import SlaveSession
 from hapticnet.protocol.wire import SEALED, Kind, pack, pack_body
-from hapticnet.scene.base import Touchable, bound_method, copy_method, lead_limit_n, look_ahead_of, scene_parts
+from hapticnet.scene.base import (
+    Touchable,
+    bound_method,
+    copy_method,
+    lead_limit_n,
+    look_ahead_of,
+    scene_parts,
+    vibration_method,
+)
 from hapticnet.user_code import raised
 
 MOST_HALF_OPEN: Final = 128  # half-open sessions at once. They take no seat; this bounds their memory.
@@ -337,6 +345,7 @@ class Admission:
                 announced=announced,
                 position_share=share,
                 predicted=predicted,
+                vibration=request.vibration is not None and vibration_method(scene) is not None,
             ),
             address,
             identity,

@@ -7,7 +7,8 @@ from hapticnet.checks import axes_of
 from hapticnet.codec.base import Codec
 from hapticnet.codec.registry import codec_parameters, make_codec
 from hapticnet.device.base import Device
-from hapticnet.device.user import UserActuator
+from hapticnet.device.user import UserActuator, UserDevice
+from hapticnet.device.voice_coil import VoiceCoil
 from hapticnet.errors import PeerError, SampleError, in_words
 from hapticnet.node.applied import Applied, AppliedForce
 from hapticnet.node.coupled import CouplingFailedError, MasterCoupling
@@ -18,6 +19,7 @@ from hapticnet.node.procedures import FirstTouch
 from hapticnet.node.recording import DATAGRAM_COLUMNS, IN, OUT, Recording, frame_kind, master_columns
 from hapticnet.node.settings import MasterSettings
 from hapticnet.node.step_times import Clock, StepTimes, no_wait
+from hapticnet.node.vibration import VibrationPlayer
 from hapticnet.operator.base import Operator, operator_parts
 from hapticnet.parts import PartsLaw, law_numbers, with_numbers
 from hapticnet.perception import WeberLaw
@@ -77,6 +79,10 @@ class MasterNode:
         self._codec = self._next_codec = make_codec(settings.codec, law, settings.parameters)
         first_axes = self.parts[0].axes if self.parts else operator.axes  # a device renders the first part
         self._rendering = Rendering(device, settings, first_axes)
+        self.vibration: VibrationPlayer | None = None  # what is played; None if it is not asked for
+        if settings.vibration:
+            shaker = device if isinstance(device, UserDevice | UserActuator) and device.shakes else VoiceCoil()
+            self.vibration = VibrationPlayer(shaker, settings.vibration_threshold, record=settings.record)
         # time [µs] between two ticks. No slave may slow the force loop down: its limits hold for the device's rate.
         self.period_us = round(1e6 / max(settings.rate_hz, self._rendering.least_rate_hz))
         self._coupling = MasterCoupling(settings, law, operator, self.period_us, self._rendering.largest_n)
@@ -200,6 +206,8 @@ class MasterNode:
                 return
             if self._rendering.fingertip is not None:
                 self._press(now_us)
+            if self.vibration is not None and self.failure is None:
+                self._shake(self.vibration, now_us)
         except Exception as error:  # device code may raise anything; from now on no force is requested
             self._fail("the device", error, now_us)
         if self.recording is not None:
@@ -222,6 +230,19 @@ class MasterNode:
             except Exception as error:  # a user's codec or coupling may raise anything
                 self._fail("the codec", error, now_us)
         self.held_n = self._ahead_n = self.held_force_n(now_us)
+
+    def _shake(self, vibration: VibrationPlayer, now_us: int) -> None:
+        """Play the vibration that is due; none while the link is stale or the operator is paused."""
+        self._device_time.begin()
+        vibration.drive(now_us, mute=self.paused is not None or self.session.state is not MasterState.ESTABLISHED)
+        self._device_time.end(self.period_us)
+
+    def _take_vibration(self, event: VibrationArrived, now_us: int) -> None:
+        if self.vibration is not None:
+            try:
+                self.vibration.receive(event.t_us, event.payload, event.before, now_us)
+            except PeerError:
+                self.session.payload_was_malformed()
 
     def _note_idle(self) -> None:
         """Note whether the applied force is so small that the link may be silent for longer."""
@@ -306,6 +327,7 @@ class MasterNode:
             "sealed": self.session.sealed,
             "connections": self.connections,
             **self._rendering.report(),
+            **({} if self.vibration is None else {"vibration": self.vibration.report()}),
             "coupling": self._coupling.report(),
             "round_trip": self.session.round_trip.report(),
             "age_of_applied_force": self.age.report(),
@@ -388,7 +410,8 @@ class MasterNode:
         if isinstance(event, BoundArrived):
             self._forward.set_bound(event.payload)
             return
-        if isinstance(event, VibrationArrived):  # not asked for yet
+        if isinstance(event, VibrationArrived):
+            self._take_vibration(event, now_us)
             return
         if isinstance(event, HoldConfirmed):
             self._applied.confirm(event, now_us)

@@ -16,6 +16,11 @@ DATAGRAM_COLUMNS: Final = ("t_us", "direction", "kind", "datagram_bytes")
 number, as the frame says; UDP payload bytes."""
 
 
+VIBRATION_COLUMNS: Final = ("t_us", "played_m_s2", "felt_m_s2")
+"""For each sample of vibration: when it is played, on the master's clock, what is asked of the device, and what a
+simulated one makes of it."""
+
+
 def axis_columns(quantity: str, unit: str, axes: int) -> tuple[str, ...]:
     """Return the names of a vector's columns: ``force_n`` for one axis, ``force_x_n, force_y_n, …`` for more."""
     if axes == 1:

@@ -13,7 +13,7 @@ from hapticnet.errors import SettingsError
 from hapticnet.parts import law_numbers, parts_request
 from hapticnet.perception import WeberLaw
 from hapticnet.protocol.keys import MasterKey, check_name
-from hapticnet.protocol.messages import POSITION_SHARE, RATE_HZ, Request
+from hapticnet.protocol.messages import POSITION_SHARE, RATE_HZ, VIBRATION_BUDGET, VIBRATION_THRESHOLD, Request
 from hapticnet.protocol.settings import SessionSettings
 
 OnError: TypeAlias = Literal["end", "pause"]
@@ -51,6 +51,11 @@ class MasterSettings:
     device_takes: DeviceTakes = "x"  # the axis of the force that the device renders, or its norm
     announced: bool = False  # whether to ask for models of the contact ahead, and render them at its own position
     predicted: bool = False  # whether to ask for forces where the hand will be when they arrive
+    # whether to ask for vibration beside force, with at most so many bytes per second of UDP payload, and the amplitude
+    # [m/s²] of the weakest that this person feels
+    vibration: bool = False
+    vibration_budget: float = 6000.0
+    vibration_threshold: float = 0.1
     coupling: str = "direct"  # how to keep a hand that yields from oscillating: NAME[:KEY=VALUE,…]
     first_touch: bool = False  # whether to find the finger before asking for a session
     session: SessionSettings = field(default_factory=SessionSettings)
@@ -69,6 +74,8 @@ class MasterSettings:
                 f" matter it must be at least {LEAST_AGE_ON_A_LINE_US / 1e6:g} s, because they are up to 0.15 s old"
             )
         RATE_HZ.check(self.rate_hz)
+        VIBRATION_BUDGET.check(self.vibration_budget)
+        VIBRATION_THRESHOLD.check(self.vibration_threshold)
         if not isinstance(self.coupling, str):
             raise SettingsError(f"coupling is {self.coupling!r}; it must be text, such as 'energy-bounded'")
         every_position = self.positions != "line" and not self.announced and not self.predicted
@@ -92,6 +99,7 @@ class MasterSettings:
             predicted=self.predicted,
             coupling=coupling,
             parts=parts_request(codec.law),
+            vibration=(self.vibration_budget, self.vibration_threshold) if self.vibration else None,
         )
 
 

@@ -19,12 +19,13 @@ from hapticnet.node.positions import VELOCITY_STEP_US, DeadReckoning
 from hapticnet.node.recording import DATAGRAM_COLUMNS, IN, OUT, Recording, frame_kind, slave_columns
 from hapticnet.node.settings import SlaveSettings
 from hapticnet.node.step_times import NOT_TIMED, StepTime, StepTimes
+from hapticnet.node.vibration import VibrationSender
 from hapticnet.parts import law_numbers, parts_of
 from hapticnet.protocol.messages import Grant
 from hapticnet.protocol.slave_session import SlaveSession
 from hapticnet.protocol.wire import Datagram, Kind
 from hapticnet.samples import PositionSample, Vector, checked_vector, new_tuple
-from hapticnet.scene.base import Touchable, bound_method, breaches_of
+from hapticnet.scene.base import Touchable, bound_method, breaches_of, vibration_method
 from hapticnet.user_code import report_of
 from hapticnet.vectors import along
 
@@ -101,6 +102,10 @@ class SlaveContext:
         self._data_bytes, self._answer_bytes, self._data = 0, 0, b""
         if coupling is not None:
             self._end, self._data_bytes, self._answer_bytes = coupling
+        self._vibration: VibrationSender | None = None
+        vibrate, asked = vibration_method(scene), session.request.vibration
+        if grant.vibration and vibrate is not None and asked is not None:
+            self._vibration = VibrationSender(vibrate, session, *asked)
         self._knows_bound = False
         self.between = 0
         self._answered: _Answered | None = None
@@ -298,6 +303,25 @@ class SlaveContext:
         self._answered = sample, force_n, coded_n, payload, datagram, now_us
         return datagram
 
+    @property
+    def vibrates(self) -> bool:
+        """Whether vibration is sent beside force."""
+        return self._vibration is not None
+
+    def vibrations(self, now_us: int) -> list[bytes]:
+        """Return the datagrams of the scene's vibration up to its newest step; SceneFailedError if that fails."""
+        if self._vibration is None or self.paused is not None or self._shift_us is None:
+            return []
+        try:
+            made = self._vibration.datagrams(self._scene_us - self._shift_us, self._shift_us, now_us)
+        except Exception as error:  # a user's scene may raise anything
+            self._fail(error)
+            return []
+        if self.datagrams is not None:
+            for data in made:
+                self.datagrams.add((now_us, OUT, frame_kind(data), len(data)))
+        return made
+
     def account_sent(self) -> None:
         """Account for the last answer, once it is on its way; SceneFailedError if the codec cannot read it."""
         answered, self._answered = self._answered, None
@@ -404,6 +428,7 @@ class SlaveContext:
             "scene_report": report_of(self.scene),
             "announced": self.feedback.report(),
             "predicted": None if self._ahead is None else self._ahead.report(),
+            **({} if self._vibration is None else {"vibration": self._vibration.report()}),
             "packet_rate_reduction": 1.0 - forces / self.steps if self.steps else None,
             **asdict(self._error.report()),
             **parts_report(self._error),

@@ -242,7 +242,7 @@ class MasterSession:
                 if t_us is None:
                     self.received.too_old += 1
                 else:
-                    self.events.append(VibrationArrived(t_us, vibration.payload))
+                    self.events.append(VibrationArrived(t_us, vibration.payload, vibration.before))
         elif kind is Kind.CLOSE:
             close = unpack_close(body)
             self.received.add(kind, size)

@@ -215,10 +215,11 @@ class Keepalive(NamedTuple):
 
 
 class Vibration(NamedTuple):
-    """Slave to master: a frame of acceleration that begins at `t_us`, and decodes alone."""
+    """Slave to master: a frame of acceleration that begins at `t_us`, and, during loss, the one before it again."""
 
     t_us: int
     payload: bytes
+    before: bytes | None = None
 
 
 class Close(NamedTuple):
@@ -401,9 +402,9 @@ def unpack_position(body: bytes) -> Position:
     return Position(t_us, newest, payload, Loss(share / REPORT_STEPS, again / REPORT_STEPS), waited_ms)
 
 
-def pack_answer(answer: Force | Keepalive) -> bytes:
-    """Return the body of a FORCE or KEEPALIVE; a stiffness bound adds a field."""
-    return pack_body(answer[:2] if answer.bound is None else answer)
+def pack_answer(answer: Force | Keepalive | Vibration) -> bytes:
+    """Return the body of a FORCE, KEEPALIVE or VIBRATION; a stiffness bound or an earlier frame adds a field."""
+    return pack_body(answer[:2] if answer[2] is None else answer)
 
 
 def unpack_force(body: bytes) -> Force:
@@ -423,11 +424,12 @@ def unpack_keepalive(body: bytes) -> Keepalive:
 
 
 def unpack_vibration(body: bytes) -> Vibration:
-    """Return the VIBRATION in a body; raise PeerError if it is invalid. Its payload is not read."""
-    t_us, payload = unpack_body(body, 2)
-    if not (is_uint32(t_us) and type(payload) is bytes):
+    """Return the VIBRATION in a body; raise PeerError if it is invalid. Its payloads are not read."""
+    t_us, payload, *more = unpack_body(body, 2, optional=1)
+    before = more[0] if more else None
+    if not (is_uint32(t_us) and type(payload) is bytes and (before is None or type(before) is bytes)):
         raise PeerError("VIBRATION of the wrong types")
-    return Vibration(t_us, payload)
+    return Vibration(t_us, payload, before)
 
 
 def unpack_close(body: bytes) -> Close:

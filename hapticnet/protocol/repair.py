@@ -88,6 +88,11 @@ class Repair:
         """Whether every FORCE must decode on its own, so that the first to arrive ends a loss."""
         return self._recovering or self._loss.share > self._settings.complete_above
 
+    @property
+    def is_lossy(self) -> bool:
+        """Whether the master reports loss."""
+        return self._loss.share > 0.0
+
     def sent(self, sequence: int, now_us: int, before: Vector | None) -> None:
         """Record a FORCE; `before` is the stimulus held if it is lost, None if losing it does no harm."""
         if not self._sent:

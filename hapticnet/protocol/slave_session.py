@@ -194,13 +194,15 @@ class SlaveSession:
         self._move(trigger)
         self.end_reason = reason
 
-    def vibration(self, t_us: int, payload: bytes, now_us: int) -> bytes:
-        """Return a VIBRATION with the frame that begins at `t_us`; its loss is not repaired."""
-        return self._datagram(Kind.VIBRATION, Vibration(wrap(t_us), payload), now_us)
+    def vibration(self, t_us: int, payload: bytes, before: bytes | None, now_us: int) -> bytes:
+        """Return a VIBRATION with the frame that begins at `t_us`, and possibly with the one before it again."""
+        return self._datagram(Kind.VIBRATION, Vibration(wrap(t_us), payload, before), now_us)
 
     def _datagram(self, kind: Kind, message: Force | Keepalive | Vibration | Close | Notice, now_us: int) -> bytes:
-        if isinstance(message, Vibration | Close | Notice):
+        if isinstance(message, Close | Notice):
             body = pack_body(message)
+        elif isinstance(message, Vibration):
+            body = pack_answer(message)
         else:
             body = pack_answer(message)
             self.repair.spoke(now_us)  # other acknowledgements do not show that positions arrive

@@ -103,10 +103,11 @@ class BoundArrived:
 
 @dataclass(frozen=True, slots=True)
 class VibrationArrived:
-    """A frame of vibration that begins at `t_us` [µs]."""
+    """A frame of vibration that begins at `t_us` [µs], and possibly the one before it."""
 
     t_us: int
     payload: bytes
+    before: bytes | None
 
 
 @dataclass(frozen=True, slots=True)

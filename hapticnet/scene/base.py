@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Callable, Sequence
-from typing import Any, Final, Protocol
+from typing import Any, Final, Protocol, TypeAlias
 
 from hapticnet.errors import SettingsError, UserCodeError
 from hapticnet.parts import Parts, declared
@@ -31,6 +31,10 @@ class Touchable(Protocol):
     If it has a method ``copy()``, that returns an independent scene in the same state, in about 10 µs. A slave steps
     copies at positions that it expects, and throws them away. Copies must move nothing that is real.
 
+    If it has a method ``vibration(start_us, samples, rate_hz)``, that returns as many accelerations [m/s²] of one axis
+    at that rate, the first at the time `start_us` of ``step``, or None if nothing vibrates. It is called about a
+    hundred times a second, after a step at or behind the end of that time, and never on copies.
+
     A real object without copies may have an attribute ``moves_ahead_n``: it may be stepped at positions where the hand
     is expected, while the round trip is short (`node.hand_predictor.LONGEST_LEAD_US`) and the force is below this many
     newtons. **It then moves to places where the hand may never be.**
@@ -52,6 +56,16 @@ class Touchable(Protocol):
         Called for each position, in order of time, within the time of a tick: it must not wait. A SampleError refuses a
         position, which is counted; any other exception ends or pauses the session.
         """
+
+
+Vibrate: TypeAlias = Callable[[int, int, float], "Sequence[float] | None"]
+"""The method ``vibration`` of a scene."""
+
+
+def vibration_method(scene: Touchable) -> Vibrate | None:
+    """Return the method ``vibration`` of a scene; None if it makes none."""
+    vibration: Vibrate | None = getattr(scene, "vibration", None)
+    return vibration
 
 
 def look_ahead_of(scene: Touchable) -> LookAhead | None:
@@ -104,9 +118,9 @@ class UserScene:
     Its ``step(sample)`` is called with a `PositionSample` and returns a `ForceSample`, a number, or a sequence of
     numbers, one for each axis [N]. Optional attributes: ``axes`` (1 to 3; default 1) or ``parts``, such as
     ``("force:3", "torque:3", "grip:1")``; ``name``, ``breaches`` and ``moves_ahead_n``; optional methods:
-    ``welcome(master)``, ``next_line()``, ``report()``, ``ahead()``, ``stiffness_bound()`` and ``copy()``. `what` names
-    the object in messages, such as "scene own.py:Mine". Raise SettingsError if ``step`` cannot be called with one
-    argument, or an attribute cannot be used.
+    ``welcome(master)``, ``next_line()``, ``report()``, ``ahead()``, ``stiffness_bound()``, ``copy()`` and
+    ``vibration(start_us, samples, rate_hz)``. `what` names the object in messages, such as "scene own.py:Mine". Raise
+    SettingsError if ``step`` cannot be called with one argument, or an attribute cannot be used.
     """
 
     __slots__ = (
@@ -122,6 +136,7 @@ class UserScene:
         "parts",
         "stiffness_bound",
         "touched",
+        "vibration",
         "what",
     )
 
@@ -139,6 +154,7 @@ class UserScene:
         self.ahead: LookAhead | None = self._optional("ahead")
         self.next_line: Callable[[], str | None] | None = self._optional("next_line")
         self.stiffness_bound: Callable[[], StiffnessBound | None] | None = self._optional("stiffness_bound")
+        self.vibration: Vibrate | None = self._optional("vibration")
         moves_ahead_n = attribute_of(touched, "moves_ahead_n", 0.0, what)
         is_number = isinstance(moves_ahead_n, int | float) and type(moves_ahead_n) is not bool
         if not is_number or not 0.0 <= moves_ahead_n < math.inf:
@@ -179,16 +195,16 @@ class UserScene:
             raise failure(self._method, error) from error
         return ForceSample(sample.t_us, force_n)
 
-    def _optional(self, name: str) -> Callable[[], Any] | None:
+    def _optional(self, name: str) -> Callable[..., Any] | None:
         """Return a method that the object may have; its exceptions become UserCodeErrors."""
         method = attribute_of(self.touched, name, None, self.what)
         if method is None:
             return None
         what = f"{type(self.touched).__name__}.{name}"  # not `self`: copies are to go without a garbage collection
 
-        def call() -> Any:
+        def call(*given: Any) -> Any:
             try:
-                return method()
+                return method(*given)
             except BaseException as error:
                 raise failure(what, error) from error
 

@@ -18,14 +18,26 @@ turning tool, the result approaches the exact path in proportion to the step.
 
 import math
 from collections.abc import Sequence
-from typing import Final, TypeAlias
+from typing import TYPE_CHECKING, Final, TypeAlias
 
 from hapticnet.checks import axes_of
 from hapticnet.errors import SampleError
 from hapticnet.samples import ForceSample, PositionSample, Vector, checked_vector
 from hapticnet.scene.ahead import REACH_M, LayerAhead
-from hapticnet.scene.settings import LARGEST_SPEED_M_PER_S, AnyBody, BodySceneSettings, Contact, Plane, Sphere
+from hapticnet.scene.settings import (
+    LARGEST_RING_M_S2,
+    LARGEST_SPEED_M_PER_S,
+    AnyBody,
+    BodySceneSettings,
+    Contact,
+    Plane,
+    Sphere,
+)
+from hapticnet.scene.vibration import LONGEST_STROKE_US, Texture, Vibrations
 from hapticnet.vectors import along, distance, dot, magnitude, minus, moved, over, plus, times
+
+if TYPE_CHECKING:
+    from hapticnet.scene.base import Vibrate
 
 NEAR_M: Final = 1e-12  # distance [m] below which a direction is not computed from a difference of two points
 
@@ -158,7 +170,7 @@ LARGEST_FORCE_N: Final = 1e6
 class Touch:
     """A body and the point on it that the tool holds."""
 
-    __slots__ = ("_held_m", "_in_time", "_static", "_surface", "body", "depth_m")
+    __slots__ = ("_held_m", "_in_time", "_static", "_surface", "_texture", "_touched", "body", "depth_m")
 
     def __init__(self, body: AnyBody) -> None:
         self.body = body
@@ -167,6 +179,8 @@ class Touch:
         self._in_time = body.depends_on_time
         self._static = body.static_friction or body.friction
         self._held_m: Vector | None = None
+        self._touched = False  # in the step before
+        self._texture: Texture | None = None
 
     def force_n(self, tool_m: Vector, before_m: Vector | None, velocity_m_per_s: Vector) -> Vector | None:
         """Return the force [N] on a tool that has moved from `before_m`; None if it does not touch the body."""
@@ -199,6 +213,23 @@ class Touch:
         push_n = max(self.body.viscosity_n_s_per_m * inward_m_per_s, -dot(inward, force_n))
         return along(along(force_n, push_n, inward), self.body.sliding_viscosity_n_s_per_m, sideways)
 
+    def vibrate(self, vibrations: Vibrations, t_us: int, elapsed_us: int, tool_m: Vector, before_m: Vector) -> None:
+        """Let the body ring and its texture pass, after a step of the tool to `tool_m`."""
+        body, touches = self.body, self.depth_m > 0.0
+        if body.texture_m and self._texture is None:
+            self._texture = Texture(body.texture_m, body.texture_per_s)
+            vibrations.textures.append(self._texture)
+        way = minus(tool_m, before_m)
+        inward = self._surface.inward(self._surface.nearest(tool_m))
+        if touches and not self._touched and 0 < elapsed_us < LONGEST_STROKE_US:
+            speed = min(1e6 * max(dot(way, inward), 0.0) / elapsed_us, LARGEST_SPEED_M_PER_S)
+            amplitude = min(body.touch_per_s * speed, LARGEST_RING_M_S2)
+            vibrations.strike(t_us, amplitude, body.ring_hz, body.ring_decay_per_s)
+        if self._texture is not None:
+            along_m = magnitude(along(way, -dot(way, inward), inward)) if touches and self._touched else 0.0
+            self._texture.slide(t_us, along_m)
+        self._touched = touches
+
     def follow(self, other: "Touch") -> None:
         """Copy the state of another touch of the same body."""
         self.depth_m, self._held_m = other.depth_m, other._held_m
@@ -230,6 +261,8 @@ class BodyScene:
         self.axes = settings.axes
         self.bodies = settings.bodies
         self._in_time = any(body.depends_on_time for body in self.bodies)
+        self._vibrations = Vibrations() if any(body.ring_hz or body.texture_m for body in self.bodies) else None
+        self.vibration: Vibrate | None = None if self._vibrations is None else self._vibrations.samples
         self.reset()
 
     def reset(self) -> None:
@@ -250,6 +283,8 @@ class BodyScene:
             force_n = touch.force_n(tool_m, self._tool_m, velocity_m_per_s)
             if force_n is not None:
                 total_n = plus(total_n, force_n)
+            if self._vibrations is not None and self._tool_m is not None:
+                touch.vibrate(self._vibrations, sample.t_us, sample.t_us - self._stamp_us, tool_m, self._tool_m)
         self._tool_m, self._stamp_us = tool_m, sample.t_us
         return ForceSample(sample.t_us, moved(self._zero, total_n, LARGEST_FORCE_N))
 
@@ -264,6 +299,7 @@ class BodyScene:
         other._tool_m, other._stamp_us = self._tool_m, self._stamp_us
         for touch, mine in zip(other._touches, self._touches, strict=True):
             touch.follow(mine)
+        other._vibrations = other.vibration = None  # what is only tried is not felt
         return other
 
     def contacts(self) -> tuple[Contact, ...]:

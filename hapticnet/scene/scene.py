@@ -21,15 +21,26 @@ import heapq
 from bisect import insort
 from collections.abc import Sequence
 from operator import attrgetter
-from typing import Final
+from typing import TYPE_CHECKING, Final
 
 from hapticnet.checks import axes_of
 from hapticnet.errors import SampleError
 from hapticnet.samples import LARGEST_COMPONENT, ForceSample, PositionSample, checked_vector, new_tuple
 from hapticnet.scene.ahead import REACH_M, LayerAhead
 from hapticnet.scene.layer import Layer, Needle, bound_of
-from hapticnet.scene.settings import Contact, SceneSettings, Tissue, front_to_back
+from hapticnet.scene.settings import (
+    LARGEST_RING_M_S2,
+    LARGEST_SPEED_M_PER_S,
+    Contact,
+    SceneSettings,
+    Tissue,
+    front_to_back,
+)
+from hapticnet.scene.vibration import LONGEST_STROKE_US, Vibrations
 from hapticnet.stiffness_bound import StiffnessBound
+
+if TYPE_CHECKING:
+    from hapticnet.scene.base import Vibrate
 
 _rest_m = attrgetter("rest_m")
 
@@ -52,6 +63,10 @@ class Scene:
         self.reach_m = reach_m
         self.tissues = front_to_back(tissues)
         self.breaches = 0  # number of breaches so far. `reset` does not change it.
+        self._vibrations = Vibrations() if any(tissue.ring_hz for tissue in self.tissues) else None
+        self.vibration: Vibrate | None = None if self._vibrations is None else self._vibrations.samples
+        self._broken: list[Tissue] = []  # in the newest step, if they ring
+        self._stamp_us = 0
         self._depends_on_time = any(tissue.depends_on_time for tissue in self.tissues)
         self.reset()
 
@@ -77,6 +92,7 @@ class Scene:
             self._needle.advance(sample.t_us, tip_m)
         if not self._back_m <= tip_m < self._ahead_m:  # also true of NaN, which _regroup rejects
             self._regroup(sample)
+        before_m = self._needle.tip_m
         self._needle.tip_m = tip_m
         force_n = 0.0
         for layer in self._felt:
@@ -85,12 +101,15 @@ class Scene:
                 layer_n = self._breach(layer, tip_m)
             force_n += layer_n
         self.force_n = force_n
+        if self._vibrations is not None:
+            self._ring(self._vibrations, sample.t_us, tip_m, before_m)
         return new_tuple(ForceSample, (sample.t_us, (force_n,)))
 
     def copy(self) -> "Scene":
         """Return a scene in the same state."""
         other = Scene(self.tissues, name=self.name, reach_m=self.reach_m)
         other.breaches, other.force_n = self.breaches, self.force_n
+        other._vibrations = other.vibration = None  # what is only tried is not felt
         other._needle.follow(self._needle)
         of: dict[float, Layer] = {}
         for layer, mine in zip(other._layers, self._layers, strict=True):
@@ -141,10 +160,27 @@ class Scene:
         """Pierce `layer` and return its remaining force [N]."""
         left_n = layer.breach(tip_m)
         self.breaches += 1
+        if self._vibrations is not None:
+            self._broken.append(layer.tissue)
         self._await_withdrawal(layer)
         self._back_m = LARGEST_COMPONENT  # so that the next step regroups
         self._bound = None
         return left_n
+
+    def _ring(self, vibrations: Vibrations, t_us: int, tip_m: float, before_m: float) -> None:
+        """Let what the newest step has touched or broken ring."""
+        elapsed_us = t_us - self._stamp_us
+        self._stamp_us = t_us
+        for tissue in self._broken:
+            vibrations.strike(t_us, tissue.breach_m_s2, tissue.ring_hz, tissue.ring_decay_per_s)
+        self._broken.clear()
+        if before_m < tip_m and 0 < elapsed_us < LONGEST_STROKE_US:
+            speed = min(1e6 * (tip_m - before_m) / elapsed_us, LARGEST_SPEED_M_PER_S)
+            for layer in self._layers:
+                if not layer.breached and before_m <= layer.surface.position_m() < tip_m:
+                    of = layer.tissue
+                    amplitude = min(of.touch_per_s * speed, LARGEST_RING_M_S2)
+                    vibrations.strike(t_us, amplitude, of.ring_hz, of.ring_decay_per_s)
 
     def _await_withdrawal(self, layer: Layer) -> None:
         # A surface only moves back toward rest, so its present position is a bound. No two layers rest at the same

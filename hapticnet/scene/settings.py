@@ -36,6 +36,17 @@ class Contact(enum.IntEnum):
     PENETRATED = 2
 
 
+LARGEST_RING_M_S2: Final = 1000.0  # largest amplitude [m/s²] of a vibration
+LARGEST_RING_HZ: Final = 1000.0  # highest frequency that is transmitted
+
+
+def check_ring(where: str, of: "Tissue | Body") -> None:
+    """Raise SettingsError if the frequency, the decay or the touch of a ring is invalid."""
+    check_parameter(f"{where} ring_hz", of.ring_hz, 1.0, LARGEST_RING_HZ, "Hz", zero_allowed=True)
+    check_parameter(f"{where} ring_decay_per_s", of.ring_decay_per_s, 1.0, 1e4, "1/s")
+    check_parameter(f"{where} touch_per_s", of.touch_per_s, 0.0, LARGEST_VALUE, "1/s")
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Tissue:
     """One layer of tissue, described by its surface.
@@ -56,6 +67,12 @@ class Tissue:
     stiffening_per_m: float = 0.0  # relative growth of stiffness with indentation [1/m]
     # Time constant [s] with which a pierced surface returns to its rest position; zero: it returns at once
     recovery_time_s: float = 0.0
+    # What vibrates at the first touch and at a breach (`scene.vibration`): frequency, decay, amplitude per speed [m/s]
+    # of the touch, and amplitude of the breach
+    ring_hz: float = 0.0
+    ring_decay_per_s: float = 80.0
+    touch_per_s: float = 0.0
+    breach_m_s2: float = 0.0
 
     def __post_init__(self) -> None:
         where = f"tissue {self.name!r}:"
@@ -64,6 +81,8 @@ class Tissue:
             check_parameter(f"{where} {key}", getattr(self, key), SMALLEST_VALUE, LARGEST_VALUE)
         for key in ("viscosity_n_s_per_m", "shaft_friction_n", "stiffening_per_m", "recovery_time_s"):
             check_parameter(f"{where} {key}", getattr(self, key), SMALLEST_VALUE, LARGEST_VALUE, zero_allowed=True)
+        check_parameter(f"{where} breach_m_s2", self.breach_m_s2, 0.0, LARGEST_RING_M_S2, "m/s²")
+        check_ring(where, self)
 
     @property
     def breach_depth_m(self) -> float:
@@ -166,6 +185,13 @@ class Body:
     # larger one lets a slow tool stick and slip.
     static_friction: float = 0.0
     sliding_viscosity_n_s_per_m: float = 0.0  # force per speed [N·s/m] along the surface during contact
+    # What vibrates (`scene.vibration`) at the first touch: frequency, decay, amplitude per speed. Under a tool that
+    # slides: wavelength [m] of a texture, amplitude per speed
+    ring_hz: float = 0.0
+    ring_decay_per_s: float = 80.0
+    touch_per_s: float = 0.0
+    texture_m: float = 0.0
+    texture_per_s: float = 0.0
 
     def __post_init__(self) -> None:
         where = f"body {self.name!r}:"
@@ -173,6 +199,9 @@ class Body:
         for key in ("viscosity_n_s_per_m", "sliding_viscosity_n_s_per_m"):
             check_parameter(f"{where} {key}", getattr(self, key), SMALLEST_VALUE, LARGEST_VALUE, zero_allowed=True)
         check_parameter(f"{where} friction", self.friction, SMALLEST_VALUE, LARGEST_FRICTION, zero_allowed=True)
+        check_ring(where, self)
+        check_parameter(f"{where} texture_m", self.texture_m, 1e-5, 0.1, "m", zero_allowed=True)
+        check_parameter(f"{where} texture_per_s", self.texture_per_s, 0.0, LARGEST_VALUE, "1/s")
         check_parameter(
             f"{where} static_friction", self.static_friction, self.friction, LARGEST_FRICTION, zero_allowed=True
         )

@@ -279,6 +279,10 @@ shaft_friction_n = 0.2
 shaft_presliding_m = 0.001
 stiffening_per_m = 50.0
 recovery_time_s = 0.5
+ring_hz = 200
+ring_decay_per_s = 60.0
+touch_per_s = 100.0
+breach_m_s2 = 10.0
 
 [[tissue]]
 name = "front"

@@ -59,6 +59,7 @@ MOVING = "0.021 m, moving at 0.1 m/s: float32, float16"
 BENT = "the same, and faster by 2 m/s², which dies out: another float16"
 BETWEEN = "1 N; 200 N/m, which grow by 64 N/m per N, and no damping between 0.02 and 0.03 m"
 UNKNOWN = "the scene cannot tell: every position is needed"
+AFTER_IT = number("00243850"), number("10478ac71b92")
 LAST = "1 N; sequence and time stamp are followed by 0"
 
 OPENING = [
@@ -93,6 +94,7 @@ IN_SESSION = [
     ("force as float64", "0.1 N where float32 is not within the threshold", FORCE, 3, [3000, DOUBLE]),
     ("three axes", "1, -2, 3 N", FORCE, 4, [4000, THREE_AXES]),
     ("vibration", "the breach of vibration.json, from 40 ms on", VIBRATION, 7, [40_000, number("10478ac71b92")]),
+    ("vibration during loss", "and the frame before it again", VIBRATION, 8, [50_000, *AFTER_IT]),
     ("close", "", CLOSE, 70_000, ["done", 0]),
     ("notice", "the session goes on", NOTICE, 70_000, ["this slave is about to stop", 8]),
     ("reset", "the body is empty", RESET, 70_001, []),
