@@ -16,6 +16,7 @@ MAX_SIZE: Final = MAX_BYTES
 RECORD_LIMIT: Final = 2 * 2**30
 INSERTIONS: Final = 5
 POSITION_SHARE: Final = 0.25
+VIBRATION_BUDGET: Final = 6000.0
 AUTO: Final = "auto"  # address of the page where none is written
 
 
@@ -219,6 +220,12 @@ Predicted: TypeAlias = Annotated[
         " up for most of the delay. When the hand turns round, the force comes too early or too late."
     ),
 ]
+Vibration: TypeAlias = Annotated[
+    bool, Option("Ask the slave for vibration beside force, and play it on the device or a simulated voice coil.")
+]
+VibrationBudget: TypeAlias = Annotated[
+    float, Option("With --vibration: the most bytes a second that it may take.", "BYTES", least=500.0, most=1e6)
+]
 Codec: TypeAlias = Annotated[
     str,
     Option(
@@ -329,6 +336,8 @@ class SharedMasterOptions:
     device_takes: DeviceTakes = "x"
     announced: Announced = False
     predicted: Predicted = False
+    vibration: Vibration = False
+    vibration_budget: VibrationBudget = VIBRATION_BUDGET
     positions: Positions = "raw"
     position_share: PositionShare = POSITION_SHARE
     first_touch: FirstTouch = False

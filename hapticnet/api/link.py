@@ -135,6 +135,14 @@ class VirtualLink:
         recording = self._loopback.master.recording
         return recording.table() if recording is not None else {}
 
+    def vibration_samples(self) -> dict[str, FloatArray]:
+        """Return the vibration that was played: t_us, played_m_s2 and felt_m_s2 (of a simulated voice coil).
+
+        Each has shape (n,), at 2800 Hz while something is felt; empty without ``vibration=True``.
+        """
+        vibration = self._loopback.master.vibration
+        return vibration.recording.table() if vibration is not None and vibration.recording is not None else {}
+
     def report(self) -> LinkReport:
         """Return the account of the newest session.
 
@@ -180,6 +188,7 @@ def virtual_link(
     rate_hz: float = 1000.0,
     announced: bool = False,
     predicted: bool = False,
+    vibration: bool = False,
     coupling: str = "direct",
     positions: Positions = "raw",
     position_share: float = 0.25,
@@ -211,6 +220,8 @@ def virtual_link(
         Whether the scene announces the contact ahead, and the master renders it without delay.
     predicted
         Whether the slave answers for where the hand will be when the force arrives, on a copy of the scene.
+    vibration
+        Whether the scene's vibration comes beside the force; `VirtualLink.vibration_samples` returns it.
     coupling
         How to keep a hand that yields from oscillating: ``"direct"``, ``"energy-bounded"``, or that of a package.
     positions, position_share
@@ -263,6 +274,7 @@ def virtual_link(
         record=True,
         announced=announced,
         predicted=predicted,
+        vibration=vibration,
         coupling=coupling,
         positions=positions,
         position_share=position_share,

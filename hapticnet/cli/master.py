@@ -21,7 +21,7 @@ from hapticnet.node.fingertip import DeviceFound, DeviceLost, FingerMet, FingerN
 from hapticnet.node.master import MasterNode
 from hapticnet.node.settings import MasterSettings
 from hapticnet.node.step_times import StepsTooSlow
-from hapticnet.options import INSERTIONS, POSITION_SHARE, RECORD_LIMIT
+from hapticnet.options import INSERTIONS, POSITION_SHARE, RECORD_LIMIT, VIBRATION_BUDGET
 from hapticnet.protocol.key_files import default_key
 from hapticnet.protocol.settings import SessionSettings
 from hapticnet.protocol.states import (
@@ -125,6 +125,10 @@ def join(given: MasterOptions) -> None:
             "--position-share": (
                 given.position_share != POSITION_SHARE and given.positions == "raw",
                 "it needs --positions line",
+            ),
+            "--vibration-budget": (
+                given.vibration_budget != VIBRATION_BUDGET and not given.vibration,
+                "it needs --vibration",
             ),
             "--device-takes": (given.device_takes != "x" and given.device == "none", "there is no device"),
             "--first-touch": (given.first_touch and given.device == "none", "there is no device"),
@@ -255,6 +259,7 @@ class MasterMessages(Watcher[NodeEvent]):
         unused = {
             "--announced": (settings.announced and not grant.announced, f"the scene {grant.scene} announces nothing"),
             "--predicted": (settings.predicted and not grant.predicted, f"the scene {grant.scene} cannot be copied"),
+            "--vibration": (settings.vibration and not grant.vibration, f"the scene {grant.scene} does not vibrate"),
             "--positions line": (line, f"{why}, so every position is sent"),
         }
         self._console.warn_of_unused({name: each for name, each in unused.items() if name not in self._unused})

@@ -145,7 +145,10 @@ def serve(options: SlaveOptions) -> None:
                 watchers=watchers,
                 overload=overload,
                 tell=console.fault,
-                on_listening=lambda: console.say(f"listening on {address}, scene {source.name}, {policy(scheduling)}"),
+                on_listening=lambda: console.say(
+                    f"listening on {address}, scene {source.name}{' with vibration' * source.vibrates},"
+                    f" {policy(scheduling)}"
+                ),
                 on_hangup=on_hangup,
                 rescue=rescue,
             )
@@ -250,7 +253,8 @@ def in_words(event: SlaveEvent, listed: str | None = None) -> str:
     if isinstance(event, MasterJoined):
         request = session.request
         where = text_of(event.context.address)
-        return f"{who(event.context)} joined from {where}: {request.codec}, asks for {request.rate_hz:g} Hz"
+        beside = ", with vibration" if event.context.vibrates else ""
+        return f"{who(event.context)} joined from {where}: {request.codec}, asks for {request.rate_hz:g} Hz{beside}"
     if isinstance(event, ScenePaused):
         return f"{who(event.context)} feels nothing from now on: {event.reason}"
     if isinstance(event, SceneSaid):

@@ -154,7 +154,7 @@ GROUPS: Final[dict[str, tuple[str, ...]]] = {
         "from", "to", "stiffness",
     ),
     "Safety": ("coupling", "max-age", "max-force", "first-touch"),
-    "Scene and contact": ("scene", "walls", "announce", "announced", "predicted"),
+    "Scene and contact": ("scene", "walls", "announce", "announced", "predicted", "vibration", "vibration-budget"),
     "Codec and perception": (
         "codec", "codecs", "add-codec", "multiplier", "multipliers", "weber", "floor", "law",
     ),

@@ -123,7 +123,7 @@ class VibrationPlayer:
         self._end_us = 0  # when it ends, at the slave
         self._rise: list[float] = []
         self._last_m_s2 = 0.0
-        self._due_us = 0.0  # when the next sample is to be played
+        self._due_us = -1.0  # when the next sample is to be played; below 0: none is
         self.played_m_s2: list[float] = []  # samples of the newest tick; empty while nothing is felt
         self.frames = self.late = 0
         self.recording = Recording(VIBRATION_COLUMNS) if record else None
@@ -163,10 +163,10 @@ class VibrationPlayer:
             self._frame = []
         if not (self._waiting or self._at < len(self._frame) or self._last_m_s2):
             self.played_m_s2 = []
-            self._due_us = now_us
+            self._due_us = -1.0
             return
-        if not 0.0 <= now_us - self._due_us < MOST_BEHIND_US:  # the clock leapt
-            self._due_us = now_us
+        if self._due_us < 0.0 or abs(now_us - self._due_us) > MOST_BEHIND_US:  # it begins, or the clock leapt
+            self._due_us = float(now_us)
         made = []
         while self._due_us <= now_us:
             made.append(self._next())

@@ -73,7 +73,8 @@ class Recorder:
         self, path: Path, side: str, tables: Sequence[Table], unix_offset_us: int, about: Mapping[str, Any]
     ) -> int | None:
         """Begin a recording and return its number; None if there are too many. The main table is the first."""
-        files = FILES[path.suffix.lower()]
+        suffix = path.suffix.lower()
+        files = FILES[suffix] + max(0, len(tables) - 2) * (suffix == ".csv")
         if self._files + files > FILE_LIMIT:
             if not self._not_recorded:
                 self._tell(f"the recordings have {FILE_LIMIT:,} files; a session that begins now is not recorded")
@@ -179,7 +180,7 @@ class Recorder:
 class _Track:
     """The rows and events of one node, on their way to one file, which begins with the first row."""
 
-    def __init__(self, recorder: Recorder, path: Path, side: str, names: tuple[str, str]) -> None:
+    def __init__(self, recorder: Recorder, path: Path, side: str, names: tuple[str, ...]) -> None:
         self._recorder = recorder
         self._path = path
         self._side = side
@@ -190,20 +191,20 @@ class _Track:
         self._early: list[tuple[int, object]] = []
 
     def collect(
-        self, main: Recording | None, datagrams: Recording | None, about: Callable[[], Mapping[str, Any]]
+        self, main: Recording | None, others: Sequence[Recording | None], about: Callable[[], Mapping[str, Any]]
     ) -> None:
         """Hand over the rows that were added since the last call."""
         numbers = main.take() if main is not None else None
         if numbers and main is not None and not self._begun:
-            self._begin(main.columns, numbers, datagrams, about())
-        if self._number is None:
-            if self._begun and datagrams is not None:
-                datagrams.take()  # not recorded, so nothing may accumulate
+            self._begin(main.columns, numbers, others, about())
+        if not self._begun:
             return
-        if numbers:
+        if numbers and self._number is not None:
             self._recorder.rows(self._number, 0, numbers)
-        if datagrams is not None and (rows := datagrams.take()):
-            self._recorder.rows(self._number, 1, rows)
+        for table, other in enumerate((each for each in others if each is not None), start=1):
+            rows = other.take()  # even if it is not recorded, so that nothing accumulates
+            if rows and self._number is not None:
+                self._recorder.rows(self._number, table, rows)
 
     def note(self, event: object, now_us: int) -> None:
         """Record an event; `now_us` is the node's own clock."""
@@ -219,14 +220,21 @@ class _Track:
             self._number = None
 
     def _begin(
-        self, columns: tuple[str, ...], numbers: Sequence[float], datagrams: Recording | None, about: Mapping[str, Any]
+        self,
+        columns: tuple[str, ...],
+        numbers: Sequence[float],
+        others: Sequence[Recording | None],
+        about: Mapping[str, Any],
     ) -> None:
         self._begun = True
         if "answered_us" in columns:
             self._shift_us = round(numbers[columns.index("t_us")] - numbers[columns.index("answered_us")])
         tables = [Table(self._names[0], columns)]
-        if datagrams is not None:
-            tables.append(Table(self._names[1], datagrams.columns, shift_us=self._shift_us))
+        tables += [
+            Table(name, other.columns, shift_us=self._shift_us)
+            for name, other in zip(self._names[1:], others, strict=True)
+            if other is not None
+        ]
         offset_us = unix_offset_us() - self._shift_us
         self._number = self._recorder.open(self._path, self._side, tables, offset_us, about)
         for at_us, event in self._early:
@@ -283,14 +291,16 @@ class MasterRecording(_Recording[NodeEvent]):
     ) -> None:  # fmt: skip
         super().__init__(Recorder(say, limit_bytes=limit_bytes, about=about))
         self._node = node
-        self._track = _Track(self.recorder, file, "master", ("tick", "datagram"))
+        self._track = _Track(self.recorder, file, "master", ("tick", "datagram", "vibration"))
 
     def note(self, event: NodeEvent, now_us: int) -> None:
         """Record an event."""
         self._track.note(event, now_us)
 
     def _collect(self) -> bool:
-        self._track.collect(self._node.recording, self._node.datagrams, lambda: about_master(self._node.settings))
+        node = self._node
+        vibration = None if node.vibration is None else node.vibration.recording
+        self._track.collect(node.recording, (node.datagrams, vibration), lambda: about_master(node.settings))
         return False
 
     def _collect_all(self) -> None:
@@ -349,7 +359,7 @@ class SlaveRecording(_Recording[SlaveEvent]):
 
     @staticmethod
     def _collect_one(context: SlaveContext, track: _Track) -> None:
-        track.collect(context.recording, context.datagrams, lambda: _of_context(context))
+        track.collect(context.recording, (context.datagrams,), lambda: _of_context(context))
 
 
 def file_name(master: str, session: int) -> str:

@@ -21,7 +21,7 @@ from hapticnet.files import user_path
 from hapticnet.plain_datagrams import is_program
 from hapticnet.recordings.loading import Columns, load_recording
 from hapticnet.samples import LARGEST_COMPONENT, Vector
-from hapticnet.scene.base import UserScene
+from hapticnet.scene.base import UserScene, vibration_method
 from hapticnet.scene.bodies import BodyScene
 from hapticnet.scene.follower import Follower
 from hapticnet.scene.recorded import RecordedScene
@@ -176,6 +176,7 @@ class SceneSource:
     """Makes a scene for each master. This one makes scenes of tissues or bodies."""
 
     shared = False  # whether all masters touch the same scene
+    vibrates = False  # whether it offers vibration beside force; known after `prepare`
 
     def __init__(self, settings: "AnySceneSettings", file: Path | None = None) -> None:
         self.name = settings.name
@@ -186,6 +187,7 @@ class SceneSource:
 
     def prepare(self) -> None:
         """Check now whether a scene can be made; raise SettingsError if not."""
+        self.vibrates = vibration_method(self.make()) is not None
 
     def make(self) -> "Touchable":
         """Return a new scene; raise SettingsError if it cannot be made."""
@@ -217,6 +219,7 @@ class UserSource(SceneSource):
         """Make the object of the first master, so that its faults show at once; raise SettingsError if that fails."""
         self._stock = self._stock or self._make()
         self.name = self._stock.name
+        self.vibrates = self._stock.vibration is not None
 
     def make(self) -> "Touchable":
         """Return the object for a master; raise SettingsError if it cannot be made."""

@@ -39,6 +39,9 @@ in the hello. A page finds a column by its name:
 
 With several axes, ``true``, ``received`` and ``held`` are Euclidean norms.
 
+``VIBRATION``, to the watch view, while vibration is played: u8 3; u8 0; u16 number n of samples; n × f32 acceleration
+that was played since the last such message [m/s²], at 2800 Hz.
+
 From the server, JSON
 ---------------------
 To both views, after the hello and when they change::
@@ -118,6 +121,7 @@ REPEAT_MS: Final = 100
 COLUMNS: Final = ("t", "position", "true", "received", "held", "target", "sensed", "platform", "packets")
 FRAME: Final = 1
 SAMPLES: Final = 2
+VIBRATION: Final = 3
 _FRAME_HEAD: Final = struct.Struct("<BBHIdf")
 _SAMPLES_HEAD: Final = struct.Struct("<BBHId")
 MOST_ROWS: Final = 0xFFFF
@@ -152,6 +156,12 @@ def samples(first_row: int, start_s: float, columns: FloatArray) -> bytes:
     """Return a SAMPLES message for columns of shape (columns, rows), with at most `MOST_ROWS` rows."""
     count, rows = columns.shape
     return _SAMPLES_HEAD.pack(SAMPLES, count, rows, first_row & 0xFFFFFFFF, start_s) + columns.astype("<f4").tobytes()
+
+
+def vibration(played_m_s2: Sequence[float]) -> bytes:
+    """Return a VIBRATION message, with at most `MOST_ROWS` samples."""
+    count = len(played_m_s2)
+    return struct.pack(f"<BBH{count}f", VIBRATION, 0, count, *played_m_s2)
 
 
 def text(kind: str, **content: Any) -> str:

@@ -25,6 +25,7 @@ if TYPE_CHECKING:
 
 NOT_READY_AFTER_US: Final = 1_000_000  # wait before pages learn of a lost session; a change of codec is faster
 WARN_EVERY_US: Final = 10_000_000
+MOST_SAMPLES: Final = 2_800  # of vibration, that wait for the next message: those of a second
 SWINGS: Final = (
     "the hand begins to swing: start the master with --coupling energy-bounded, or shorten the delay, because the force"
     " comes late and pushes the hand on"
@@ -62,6 +63,7 @@ class Page(Audience):
         self._warned_us = -WARN_EVERY_US
         self._mirror: Mirror | None = None  # the copy of the slave's scene; None while it is not known
         self._events: deque[str] = deque(maxlen=messages.EVENTS_KEPT)
+        self._vibration: list[float] = []  # played since the last message
         self._connections = 0
         self._streamed_us = 0  # time of the last session
         self._is_ready = False
@@ -124,6 +126,8 @@ class Page(Audience):
     def _take_down(self, now_us: int) -> None:
         self._ticks.add(now_us)
         node = self._node
+        if node.vibration is not None and len(self._vibration) < MOST_SAMPLES:
+            self._vibration += node.vibration.played_m_s2
         if self._port is not None and node.position_m is not None:
             self._port.add(now_us, node.held_n, node.position_m, node.codec.law)
 
@@ -155,6 +159,9 @@ class Page(Audience):
         """Send the ticks since the last call to the watch views."""
         for block in self._ticks.take(self._mirror):
             self._tell_watchers(block, is_replaceable=True)
+        if self._vibration:
+            self._tell_watchers(messages.vibration(self._vibration), is_replaceable=True)
+            self._vibration.clear()
 
     def _follow_readiness(self) -> None:
         now = now_us()

@@ -45,6 +45,35 @@ def test_a_page_reads_what_the_server_writes(run_module):
         "kind": "samples", "rows": 3, "firstRow": 2**32 - 1, "startS": 1.5, "columns": [[0, 1, 2], [3, 4, 5]]
     }  # fmt: skip
 
+    assert run_module("wire", DECODE, list(messages.vibration([0.5, -2.0]))) == {
+        "kind": "vibration", "playedMS2": [0.5, -2.0]
+    }  # fmt: skip
+    assert run_module("wire", DECODE, list(messages.vibration([0.5, -2.0])[:-1])) is None
+
+
+HEAR = """(m, calls) => {
+  const heard = [];
+  globalThis.AudioBufferSourceNode = class {
+    constructor(_, { buffer }) { this.buffer = buffer; }
+    connect() {}
+    start(at) { heard.push([at, [...this.buffer.getChannelData(0)]]); }
+  };
+  const tone = new m.Tone();
+  tone.vibrate([1]);  // off until it is switched on
+  tone._context = { state: "running", currentTime: 0, destination: null };
+  for (const samples of calls) tone.vibrate(samples);
+  return heard;
+}"""
+
+
+def test_vibration_is_heard_without_gaps_and_never_louder_than_the_tone(run_module):
+    heard = run_module("sound", HEAR, [[1.0, 2.0], [1e6, -1e6], []])
+    assert len(heard) == 2
+    (first_s, first), (second_s, second) = heard
+    assert second_s - first_s == pytest.approx(2 / 2800, rel=1e-6)
+    assert first == pytest.approx(0.12 / 20.0 * np.array([1 / 3, 2 / 3, 1.0, 4 / 3, 5 / 3, 2.0]), rel=1e-5)
+    assert max(map(abs, second)) == pytest.approx(0.12)
+
 
 @pytest.mark.parametrize("kept", [0, 1, 15, 19, 25])
 def test_a_page_takes_no_message_that_is_cut_off(run_module, kept: int):

@@ -104,7 +104,7 @@ class CsvWriter:
 
 Writer = McapWriter | CsvWriter
 FORMATS: Final[dict[str, Callable[[Heading], Writer]]] = {".mcap": McapWriter, ".csv": CsvWriter}  # by suffix
-FILES: Final = {".mcap": 1, ".csv": 4}  # files of a recording by its suffix
+FILES: Final = {".mcap": 1, ".csv": 4}  # files of a recording of two tables by its suffix
 
 
 def check_format(path: Path) -> None:

@@ -36,7 +36,7 @@ def export(session: Session, path: Path) -> None:
 
 def exported_files(path: Path) -> list[Path]:
     """Return the files that `export` may write."""
-    others = ("datagrams.csv", "events.csv", "about.json") if path.suffix.lower() == ".csv" else ()
+    others = ("datagrams.csv", "vibrations.csv", "events.csv", "about.json") if path.suffix.lower() == ".csv" else ()
     return [path, *(beside(path, what) for what in others)]
 
 

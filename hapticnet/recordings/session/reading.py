@@ -25,11 +25,11 @@ from hapticnet.recordings.session.sink import UNFINISHED, beside, named
 from hapticnet.recordings.text import TextSource
 
 LATEST_US: Final = 100_000_000_000_000_000  # largest plausible time [µs], on any clock: 3,000 years
-MOST_TABLES: Final = 16  # most tables of a recording; hapticnet writes two
+MOST_TABLES: Final = 16  # most tables of a recording; hapticnet writes up to three
 _TABLE: Final = re.compile(r"[A-Za-z0-9_-]{1,64}")
 _MCAP_MAGIC: Final = b"\x89MCAP"
 _ZIP_MAGIC: Final = b"PK"
-_OTHER_TABLES: Final = ("datagram",)
+_OTHER_TABLES: Final = ("datagram", "vibration")
 _NO_RECORDING: Final = "not a recording of hapticnet"
 _BESIDE: Final = (*(f".{name}s.csv" for name in _OTHER_TABLES), ".events.csv", ".about.json")
 

@@ -49,7 +49,7 @@ def as_type(values: npt.NDArray[Any], kind: str) -> npt.NDArray[Any]:
 class Table:
     """A table of a recording: float64, except for the columns in `INTEGERS`."""
 
-    name: str  # tick, step or datagram; the topic is /SIDE/NAME
+    name: str  # tick, step, datagram or vibration; the topic is /SIDE/NAME
     columns: tuple[str, ...]  # with units; the first is t_us
     shift_us: int = 0  # added to t_us when a row is written, so that all tables have the master's clock
 

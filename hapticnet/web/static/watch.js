@@ -34,6 +34,7 @@ const stage = new Stage("watch", {
     byId("about").textContent = [name && `scene ${name}`, ...about].filter(Boolean).join(" · ");
   },
   samples: takeSamples,
+  vibration: ({ playedMS2 }) => tone.vibrate(playedMS2),
   state: showState,
   event: showEvent,
   error: () => settings.refused(),

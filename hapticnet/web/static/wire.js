@@ -5,17 +5,26 @@ export const CONTACT = Object.freeze({ NONE: 0, INDENTED: 1, PENETRATED: 2 });
 
 const FRAME = 1;
 const SAMPLES = 2;
+const VIBRATION = 3;
 const HAND = 1;
 const HAND_BYTES = 16;
 const FRAME_HEAD = 20;
 const SAMPLES_HEAD = 16;
+const VIBRATION_HEAD = 4;
 
 /** Return the message in an ArrayBuffer, or null if it is of a kind this page does not know. */
 export function decode(buffer) {
   const view = new DataView(buffer);
   if (buffer.byteLength >= FRAME_HEAD && view.getUint8(0) === FRAME) return decodeFrame(view);
   if (buffer.byteLength >= SAMPLES_HEAD && view.getUint8(0) === SAMPLES) return decodeSamples(view);
+  if (buffer.byteLength >= VIBRATION_HEAD && view.getUint8(0) === VIBRATION) return decodeVibration(view);
   return null;
+}
+
+function decodeVibration(view) {
+  const count = view.getUint16(2, true);
+  if (view.byteLength < VIBRATION_HEAD + 4 * count) return null;
+  return { kind: "vibration", playedMS2: new Float32Array(view.buffer, VIBRATION_HEAD, count) };
 }
 
 function decodeFrame(view) {
