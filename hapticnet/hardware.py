@@ -3,6 +3,11 @@
 from typing import Final
 
 MAX_FORCE_N: Final = 5.0  # largest force [N] the paper's fingertip device renders
+SLEW_N_PER_S: Final = 50.0
+"""Largest rate of rise [N/s] of the force requested of it, and of the held force after the link recovers. An
+assumption: 0 to 5 N in 100 ms is two thirds of what the HS-55 can do with a 12 mm arm against a 1 N/mm finger
+(74 mm/s), so correct stimuli are not delayed and a wrong one does not strike."""
+
 SENSOR_THRESHOLD_N: Final = 0.2  # smallest force [N] that a sensor of the FSR 400 series detects (data sheet)
 SERVO_FRAME_US: Final = 20_000  # period [µs] at which a servo takes a new pulse: 50 Hz, as usual for analog servos
 SERVO_DEADBAND_US: Final = 8.0  # change of pulse [µs] below which a servo does not move; typical of the HS-55

@@ -113,6 +113,11 @@ def total_axes(parts: Sequence[Part]) -> int:
     return sum(part.axes for part in parts)
 
 
+def force_axes(axes: int, parts: Sequence[Part]) -> int:
+    """Return how many axes of a stimulus come first and are a force; 0 if its first part is another quantity."""
+    return axes if not parts else parts[0].axes if parts[0].kind == "force" else 0
+
+
 def written(parts: Sequence[Part] | None, axes: int) -> str:
     """Return the parts in words, such as "force:3 torque:3", or the axes of a stimulus without parts: "force:1"."""
     return " ".join(map(str, parts)) if parts else f"force:{axes}"

@@ -10,11 +10,11 @@ from numpy.typing import NDArray
 from hapticnet.channel.emulator import Emulator
 from hapticnet.channel.spec import parse_channel
 from hapticnet.control.force_settings import ForceControlSettings
-from hapticnet.control.hold import ForceLimiter, LimitSettings
+from hapticnet.control.hold import ForceLimiter
 from hapticnet.device.base import Device, Reading
 from hapticnet.device.simulated import Finger, PlantSettings
 from hapticnet.experiment.trials import paper_trial
-from hapticnet.hardware import MAX_FORCE_N
+from hapticnet.hardware import MAX_FORCE_N, SLEW_N_PER_S
 from hapticnet.node.fingertip import Fingertip
 from hapticnet.node.loopback import Loopback
 from hapticnet.node.master import MasterNode
@@ -91,7 +91,7 @@ class Watched(Device):
 
     def __init__(self, inner: Device) -> None:
         self._inner = inner
-        self.travel_m, self.max_force_n = self._inner.travel_m, self._inner.max_force_n
+        self.capabilities = self._inner.capabilities
         self.delay_us = inner.delay_us
         self.description, self.status = self._inner.description, self._inner.status
         self.true_n: dict[int, float] = {}
@@ -114,7 +114,7 @@ class Blindfolded(Fingertip):
 def demo_target(seed: int) -> Numbers:
     """Return the force [N] that the demo requests in each ms: the scene's force after the limits."""
     largest_n = ForceControlSettings().max_force_n - ForceControlSettings().headroom_n
-    limiter = ForceLimiter(LimitSettings(max_force_n=largest_n))
+    limiter = ForceLimiter(largest_n, SLEW_N_PER_S)
     forces_n = np.abs(paper_trial(seed, insertions=INSERTIONS).stimuli[:, 0])
     return np.array([limiter.limit(force_n, TICK_US * tick) for tick, force_n in enumerate(forces_n.tolist())])
 
@@ -130,7 +130,7 @@ def _played(device: Watched, seed: int, start_us: int, settings: Chain) -> Felt:
     forward, feedback, nonces, sessions = np.random.default_rng(seed).spawn(4)
     operator = ScriptedOperator(InsertionSettings(insertions=INSERTIONS), np.random.default_rng(seed))
     control = ForceControlSettings(foresight_s=settings.foresight_s, early_n=settings.early_n)
-    fingertip = (Fingertip if settings.predictor else Blindfolded)(device, LimitSettings(), control)
+    fingertip = (Fingertip if settings.predictor else Blindfolded)(device, control)
     asked = MasterSettings(codec=settings.codec, record=True, first_touch=settings.first_touch)
     asked = replace(asked, announced=settings.announced)
     loopback = Loopback(

@@ -20,7 +20,6 @@ from force_scenarios import FROM_N, SEED_SHIFT_US, TICK_US, TO_N, Row, largest_r
 
 from hapticnet.control.finger import compressed
 from hapticnet.control.force_settings import ForceControlSettings
-from hapticnet.control.hold import LimitSettings
 from hapticnet.device.base import Device, Reading
 from hapticnet.device.servos import ROUNDING, Linkage
 from hapticnet.device.simulated import Finger, PlantSettings
@@ -39,7 +38,7 @@ def step_response(kind: str, stiffness_n_m: float, seed: int, control: ForceCont
     """Return time, target, sensed force as the loop averages it, and true force of one step; and its figures."""
     settings = PlantSettings(finger=Finger(stiffness_n_m=stiffness_n_m))
     with started(kind, settings, seed) as (device, now_us):
-        fingertip = Fingertip(device, LimitSettings(), control)
+        fingertip = Fingertip(device, control)
         test = StepTest(fingertip, from_n=FROM_N, to_n=TO_N, before_us=2_500_000 + SEED_SHIFT_US * seed)
         while not test.tick(now_us):
             now_us += TICK_US
@@ -101,7 +100,7 @@ class Replayed(Device):
     """A device that replays the readings of another."""
 
     def __init__(self, device: Device, readings: list[Reading | None]) -> None:
-        self.travel_m, self.max_force_n = device.travel_m, device.max_force_n
+        self.capabilities = device.capabilities
         self.description, self.status = device.description, device.status
         self._next = iter(readings).__next__
 
@@ -113,7 +112,7 @@ def processor_us(kind: str, control: ForceControlSettings, seed: int, repetition
     """Return processor time [µs] that a second of limits and force loop takes, without the device's share."""
     with started(kind, PlantSettings(), seed) as (device, start_us):
         readings: list[Reading | None] = []
-        fingertip = Fingertip(device, LimitSettings(), control)
+        fingertip = Fingertip(device, control)
         targets = [(start_us + TICK_US * tick, FROM_N if tick < 2500 else TO_N) for tick in range(4500)]
         for now_us, target_n in targets:
             fingertip.press(target_n, now_us)
@@ -121,7 +120,7 @@ def processor_us(kind: str, control: ForceControlSettings, seed: int, repetition
     pressing_s, replaying_s = [], []
     for _ in range(repetitions):
         replayed = Replayed(device, readings)
-        press = Fingertip(Replayed(device, readings), LimitSettings(), control).press
+        press = Fingertip(Replayed(device, readings), control).press
         for call, spent_s in ((replayed.exchange, replaying_s), (press, pressing_s)):
             begun_s = time.process_time()
             for now_us, target_n in targets:

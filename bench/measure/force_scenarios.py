@@ -11,7 +11,6 @@ from typing import Any, TypeAlias
 import numpy as np
 
 from hapticnet.control.force_settings import ForceControlSettings
-from hapticnet.control.hold import LimitSettings
 from hapticnet.device.base import Reading
 from hapticnet.device.simulated import Finger, PlantSettings, SimulatedDevice, loading_calibration
 from hapticnet.hardware import MAX_FORCE_N
@@ -159,7 +158,7 @@ def played(
     """Return the true force [N] tick by tick, and the loop's reason to give up, if any."""
     true_n = np.empty(1000 * seconds)
     with started(kind, settings, seed, delay_ms=delay_ms, loss=loss) as (device, start_us):
-        fingertip = Fingertip(device, LimitSettings(), control)
+        fingertip = Fingertip(device, control)
         fault = None
         # Events also move within the control period: a reading inside one is averaged with those before it.
         to_come = [(at_s + 1e-6 * SEED_SHIFT_US * seed, happen) for at_s, happen in events]

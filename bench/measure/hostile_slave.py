@@ -29,7 +29,6 @@ from force_loop import FINGERS_N_M
 from force_scenarios import SEED_SHIFT_US, TICK_US, Simulated, started
 
 from hapticnet.control.force_settings import ForceControlSettings
-from hapticnet.control.hold import LimitSettings
 from hapticnet.device.simulated import Finger, PlantSettings
 from hapticnet.hardware import MAX_FORCE_N
 from hapticnet.node.decoders import OF_CODEC, pack_model
@@ -164,7 +163,7 @@ class AskedLoop:
     def __init__(self, device: Simulated, now_us: int) -> None:
         self._device = device
         self._now_us = now_us
-        self._fingertip = Fingertip(device, LimitSettings(), ForceControlSettings())
+        self._fingertip = Fingertip(device, ForceControlSettings())
         self.largest_n = 0.0
 
     def do(self, move: Asked) -> None:

@@ -115,6 +115,11 @@ class MasterView(NodeView[MasterNode, NodeEvent]):
         return self.node.end_reason
 
     @property
+    def adaptations(self) -> tuple[str, ...]:
+        """How the force is adapted to the device, in words: which axes it renders, and where it is clipped."""
+        return tuple(self.node.adaptations)
+
+    @property
     def paused(self) -> str | None:
         """Why the operator is paused; None if it is not."""
         return self.node.paused

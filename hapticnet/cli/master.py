@@ -174,6 +174,8 @@ def join(given: MasterOptions) -> None:
         node = MasterNode(hand.operator, fingertip, settings, SystemEntropy(), now_us)
         emulated = {way: None if each is None else each.settings.describe() for way, each in emulators.items()}
         node.emulate(**emulated)
+        for line in node.adaptations:
+            console.say(line)
         messages = MasterMessages(console, node, str(address), keys)
         watchers: list[Watcher[NodeEvent]] = [messages, *hand.watchers]
         if served is not None:

@@ -6,16 +6,11 @@ from typing import Final
 
 from hapticnet.checks import axes_of, check_above, check_parameter
 from hapticnet.errors import SampleError, SettingsError
-from hapticnet.hardware import MAX_FORCE_N
+from hapticnet.hardware import SLEW_N_PER_S
 from hapticnet.parts import KINDS, PartsLaw
 from hapticnet.perception import WeberLaw
 from hapticnet.samples import MAX_AXES, Vector
 from hapticnet.vectors import magnitude, times
-
-SLEW_N_PER_S: Final = 50.0
-"""Largest rate of rise [N/s] of the target, and of the held force after the link recovers (``hold.py``). An assumption:
-0 to 5 N in 100 ms is two thirds of what the HS-55 can do with a 12 mm arm against a 1 N/mm finger (74 mm/s), so correct
-stimuli are not delayed and a wrong one does not strike."""
 
 LONGEST_STEP_US: Final = 20_000
 """Longest time [µs] between two calls that lets a force rise: one servo frame. A process that was paused does not make
@@ -27,20 +22,11 @@ PAUSE_US: Final = 150_000
 setpoint, so the platform may be anywhere by then, and a target still held would be reached at the servos' speed."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class LimitSettings:
-    """Limits of the target force."""
-
-    max_force_n: float = MAX_FORCE_N  # largest target force [N]
-    slew_n_per_s: float = SLEW_N_PER_S  # largest rate of rise [N/s]
-
-    def __post_init__(self) -> None:
-        check_above("largest force", self.max_force_n, 0, MAX_FORCE_N, "N")
-        check_above("slew limit", self.slew_n_per_s, 0, 1e6, "N/s")
+FASTEST_N_PER_S: Final = 1e6  # a rise [N/s] that is as good as without a limit
 
 
 class ForceLimiter:
-    """Clamp and slew limit for a device that can only press.
+    """Clamp [N] and slew limit [N/s] for a device that can only press.
 
     The target lies between 0 and the largest force and never rises faster than the slew limit. It falls without a
     limit: the platform then moves away from the finger, and a delay would only prolong an unwanted force. A force that
@@ -49,9 +35,9 @@ class ForceLimiter:
 
     __slots__ = ("_force_n", "_max_force_n", "_now_us", "_slew_n_per_us")
 
-    def __init__(self, settings: LimitSettings) -> None:
-        self._max_force_n = settings.max_force_n
-        self._slew_n_per_us = settings.slew_n_per_s * 1e-6
+    def __init__(self, max_force_n: float, slew_n_per_s: float) -> None:
+        self._max_force_n = max_force_n
+        self._slew_n_per_us = min(slew_n_per_s, FASTEST_N_PER_S) * 1e-6
         self._force_n = 0.0
         self._now_us: int | None = None
 

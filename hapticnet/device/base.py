@@ -2,9 +2,17 @@
 
 from typing import Any, Final, NamedTuple, Protocol
 
+from hapticnet.capabilities import Capabilities
+from hapticnet.hardware import MAX_FORCE_N, SLEW_N_PER_S
+
 FORCE_LOOP_HZ: Final = 1000.0
 """Least rate [Hz] of the force loop. Its limits are made for a target that moves this often: at 31 Hz a square wave of
 1 to 5 N presses a finger of 3 N/mm with 5.2 N; at 1 kHz, bench/measure/hostile_slave.py finds nothing above 4.8 N."""
+
+
+def presses(travel_m: float, max_force_n: float = MAX_FORCE_N) -> Capabilities:
+    """Return the capabilities of a fingertip device with a travel [m], limited as the paper's unless it says less."""
+    return Capabilities(travel_m=travel_m, max_force_n=max_force_n, slew_n_per_s=SLEW_N_PER_S)
 
 
 class Reading(NamedTuple):
@@ -19,8 +27,7 @@ class Reading(NamedTuple):
 class Device(Protocol):
     """A platform that presses a fingertip."""
 
-    travel_m: float  # largest displacement [m] of the platform toward the finger; 0 is fully retracted
-    max_force_n: float  # largest target force [N] of the device
+    capabilities: Capabilities  # its travel is the largest displacement [m] of the platform; 0 is fully retracted
     description: str  # one line that identifies the device to a person
     status: str  # the word "ready", or the reason why there are no readings
     delay_us: int = 0  # time [µs] from a call until the servos take its displacement, plus the wait for their frame

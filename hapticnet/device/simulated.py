@@ -7,10 +7,10 @@ from typing import Final
 import numpy as np
 
 from hapticnet.checks import check_parameter
-from hapticnet.device.base import Device, Reading
+from hapticnet.device.base import Device, Reading, presses
 from hapticnet.device.calibration import Calibration
 from hapticnet.device.servos import Linkage, Pulses, Servo, Servos
-from hapticnet.hardware import CONTACT_M, MAX_FORCE_N, SENSOR_THRESHOLD_N, STIFFENING, STIFFNESS_N_M
+from hapticnet.hardware import CONTACT_M, SENSOR_THRESHOLD_N, STIFFENING, STIFFNESS_N_M
 
 LEAST_STIFFENING: Final = 1e-12  # share below which a finger is a linear spring; the quotients below would overflow
 
@@ -192,8 +192,7 @@ class SimulatedDevice(Device):
 
     def __init__(self, settings: PlantSettings, rng: np.random.Generator) -> None:
         self.plant = Plant(settings, rng)  # the simulated mechanics, for instance to replace the finger
-        self.travel_m = settings.linkage.travel_m
-        self.max_force_n = MAX_FORCE_N
+        self.capabilities = presses(settings.linkage.travel_m)
         self.description = (
             f"simulated device: three HS-55, finger {settings.finger.stiffness_n_m / 1000.0:g} N/mm at 1 N, FSR 408"
         )

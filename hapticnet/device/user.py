@@ -1,23 +1,21 @@
 """A fingertip device of the user's: anything with a method ``exchange`` or ``apply``."""
 
 import math
+from dataclasses import replace
 from numbers import Real
 from typing import TYPE_CHECKING, Any, Final, Protocol
 
-from hapticnet.checks import check_above
-from hapticnet.device.base import Device, Reading
+from hapticnet.capabilities import capabilities_of
+from hapticnet.device.base import Device, Reading, presses
 from hapticnet.errors import SettingsError, UserCodeError, printable, shortened
-from hapticnet.hardware import MAX_FORCE_N
-from hapticnet.samples import LARGEST_COMPONENT
-from hapticnet.user_code import attribute_of, failure, method_of, raised, report_of, short
+from hapticnet.samples import LARGEST_COMPONENT, Vector
+from hapticnet.user_code import attribute_of, axes_of, failure, method_of, raised, report_of, short, vector_from
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
 TRAVEL_M: Final = 0.005  # travel [m] of a device that declares none
 LONGEST_TEXT: Final = 200  # most characters of a description or status
-LARGEST_TRAVEL_M: Final = 1.0
-LARGEST_FORCE_N: Final = 1000.0
 
 
 class HasExchange(Protocol):
@@ -31,17 +29,18 @@ class HasExchange(Protocol):
 class HasApply(Protocol):
     """Required method of a user's object that renders a force itself; see `UserActuator` for optional members."""
 
-    def apply(self, force_n: float, now_us: int, /) -> float | None:
-        """Render a force [N]; return the sensed force, or None. It must not wait."""
+    def apply(self, force_n: Any, now_us: int, /) -> Any:
+        """Render a force [N], a number or, of several axes, a tuple; return the sensed one or None. Must not wait."""
         ...
 
 
 class UserObject:
-    """Base of both kinds of objects: limits, a description, a status, a report, and one checked method.
+    """Base of both kinds of objects: capabilities, a description, a status, a report, and one checked method.
 
-    `made` has the method, written as its `form`; messages call it `what`, such as "device own.py:Mine". An object may
-    also have ``vibrate(samples, rate_hz)``, which plays accelerations [m/s²] beside the force, those of each tick in
-    which something is felt. It limits them itself, and must not wait.
+    Attributes with the names of `Capabilities` declare what it can do. `made` has the method, written as its `form`;
+    messages call it `what`, such as "device own.py:Mine". An object may also have ``vibrate(samples, rate_hz)``, which
+    plays accelerations [m/s²] beside the force, those of each tick in which something is felt. It limits them itself,
+    and must not wait.
 
     Raise SettingsError if the method is missing or cannot be called this way, or an attribute cannot be used.
     """
@@ -49,9 +48,9 @@ class UserObject:
     def __init__(self, made: Any, form: str, what: str) -> None:
         self.made = made
         self.what = what
-        self._call: Callable[[float, int], Any] = method_of(made, form, what)
+        self._call: Callable[[Any, int], Any] = method_of(made, form, what)
         self._method = f"{type(made).__name__}.{form.partition('(')[0]}"
-        self.max_force_n = _positive(made, "max_force_n", MAX_FORCE_N, LARGEST_FORCE_N, "N", what)
+        self.capabilities = capabilities_of(made, what, replace(presses(TRAVEL_M), axes=axes_of(made, what)))
         self.description = _text(attribute_of(made, "description", f"{type(made).__name__} (own device)", what))
         self._otherwise = "ready"  # the status of an object without one
         self._vibrate: Callable[[Any, float], Any] | None = attribute_of(made, "vibrate", None, what)
@@ -91,13 +90,16 @@ class UserDevice(UserObject, Device):  # type: ignore[override]  # a status that
 
     Its ``exchange(displacement_m, now_us)`` sets the displacement of the platform toward the finger [m] (0: retracted)
     and returns the force that its sensor reads [N], a `Reading`, or None while there is no reading. Optional:
-    ``travel_m`` (default 5 mm), ``max_force_n`` (default 5 N), ``description``, ``status``, and ``report()``, which
-    returns a dictionary.
+    ``description``, ``status``, ``report()``, which returns a dictionary, and of the capabilities ``travel_m`` (default
+    5 mm), ``max_force_n`` (default 5 N, the most of the force loop) and ``slew_n_per_s`` (default 50 N/s).
     """
 
     def __init__(self, made: HasExchange, what: str = "the device") -> None:
         super().__init__(made, "exchange(displacement_m, now_us)", what)
-        self.travel_m = _positive(made, "travel_m", TRAVEL_M, LARGEST_TRAVEL_M, "m", what)
+        if self.capabilities.axes > 1 or self.capabilities.grounded:
+            raise SettingsError(
+                f"{what}: a platform presses a finger on one axis; for others, define apply(force_n, now_us)"
+            )
         self.least_rate_hz = 0.0  # the user chooses the rate, through the master's
         self._otherwise = "it gives no reading"
 
@@ -106,7 +108,7 @@ class UserDevice(UserObject, Device):  # type: ignore[override]  # a status that
 
         Raise UserCodeError if the object raises, or returns something other than a force, a reading or None.
         """
-        set_m = min(max(displacement_m, 0.0), self.travel_m) if math.isfinite(displacement_m) else 0.0
+        set_m = min(max(displacement_m, 0.0), self.capabilities.travel_m) if math.isfinite(displacement_m) else 0.0
         try:
             result = self._call(set_m, now_us)
         except BaseException as error:
@@ -127,29 +129,36 @@ class UserDevice(UserObject, Device):  # type: ignore[override]  # a status that
 class UserActuator(UserObject):
     """An object of the user's that renders a force by itself, with its results checked.
 
-    Its ``apply(force_n, now_us)`` renders a force [N], 0 or more, and returns the sensed force, or None if it
-    senses none. Optional: ``max_force_n`` (default 5 N), ``description``, ``status`` and ``report()``.
+    Its ``apply(force_n, now_us)`` renders a force [N] and returns the sensed one, or None if it senses none. A force is
+    a number, 0 or more; if it moves the hand (``grounded``), of either sign; of several ``axes``, a tuple. Optional:
+    ``description``, ``status``, ``report()`` and capabilities: ``axes`` (default 1), ``max_force_n`` (default 5 N),
+    ``slew_n_per_s`` (default 50 N/s), ``rate_hz`` (default: with each tick), ``travel_m`` and ``grounded``.
     """
 
     def __init__(self, made: HasApply, what: str = "the device") -> None:
         super().__init__(made, "apply(force_n, now_us)", what)
 
-    def apply(self, force_n: float, now_us: int) -> float | None:
-        """Render a force [N]; return the force sensed [N], or None.
+    def apply(self, force_n: Vector, now_us: int) -> Vector | None:
+        """Render a force [N] on the axes of the device; return the force sensed [N], or None.
 
-        Raise UserCodeError if the object raises, or returns something other than a number or None.
+        Raise UserCodeError if the object raises, or returns something other than a force or None.
         """
+        axes = self.capabilities.axes
         try:
-            result = self._call(force_n, now_us)
+            result = self._call(force_n[0] if axes == 1 else force_n, now_us)
         except BaseException as error:
             raise failure(self._method, error) from error
-        if result is not None and not _is_finite(result):
-            raise self.refuse(result, "a finite number [N] or None")
-        return None if result is None else float(result)
+        if result is None:
+            return None
+        if axes == 1:
+            if not _is_finite(result):
+                raise self.refuse(result, "a finite number [N] or None")
+            return (float(result),)
+        return vector_from(result, axes, self._method, "N")
 
     def rest(self, now_us: int) -> None:
         """Render no force; raise UserCodeError if the object raises."""
-        self.apply(0.0, now_us)
+        self.apply((0.0,) * self.capabilities.axes, now_us)
 
 
 def as_user_device(made: Any, what: str = "the device") -> UserDevice | UserActuator:
@@ -170,14 +179,6 @@ def _is_finite(value: Any) -> bool:
         return isinstance(value, Real) and -LARGEST_COMPONENT <= float(value) <= LARGEST_COMPONENT
     except (TypeError, ValueError, ArithmeticError):
         return False
-
-
-def _positive(made: Any, name: str, default: float, largest: float, unit: str, what: str) -> float:
-    value = attribute_of(made, name, default, what)
-    if not isinstance(value, Real) or isinstance(value, bool):
-        raise SettingsError(f"{what}: {name} is {short(value)}; it must be a number [{unit}]")
-    check_above(f"{what}: {name}", float(value), 0.0, largest, unit)
-    return float(value)
 
 
 def _text(value: Any) -> str:

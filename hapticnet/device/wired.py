@@ -15,7 +15,7 @@ from dataclasses import replace
 from enum import Enum
 from typing import Final
 
-from hapticnet.device.base import Device, Reading
+from hapticnet.device.base import Device, Reading, presses
 from hapticnet.device.calibration import Calibration
 from hapticnet.device.messages import (
     ADC_FRACTION,
@@ -213,10 +213,9 @@ class WiredDevice(Device):
         self._calibration = calibration
         linkage = linkage or Linkage()
         self._setpoints = Setpoints(linkage, servo or Servo())
-        self.travel_m = linkage.travel_m
         self.delay_us = DELAY_US
         # Beyond its table the reading does not rise, and the force loop would keep pressing.
-        self.max_force_n = min(MAX_FORCE_N, calibration.forces_n[-1])
+        self.capabilities = presses(linkage.travel_m, min(MAX_FORCE_N, calibration.forces_n[-1]))
         self.description = "device on a serial line"
         self.status = "the port is not open"
         self.identity: Identity | None = None  # answer to HELLO since the port was opened

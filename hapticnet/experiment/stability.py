@@ -176,7 +176,7 @@ class _Watched:
 
     def __init__(self, hand: YieldingOperator) -> None:
         self._hand = hand
-        self.axes, self.duration_us, self.max_force_n = hand.axes, hand.duration_us, hand.device.max_force_n
+        self.axes, self.duration_us, self.capabilities = hand.axes, hand.duration_us, hand.capabilities
         self.feel = hand.feel
         self.t_us: list[int] = []
         self.at_m: list[float] = []

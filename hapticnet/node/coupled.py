@@ -5,7 +5,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 from functools import partial
-from typing import Any, Final
+from typing import TYPE_CHECKING, Any, Final
 
 from hapticnet.checks import axes_of
 from hapticnet.control.couplings import data_bytes, parameters_of, parse_coupling
@@ -19,6 +19,9 @@ from hapticnet.parts import KINDS, PartsLaw
 from hapticnet.perception import WeberLaw
 from hapticnet.samples import Vector, checked_vector
 from hapticnet.vectors import magnitude, over, times
+
+if TYPE_CHECKING:
+    from hapticnet.capabilities import Capabilities
 
 HELD_BACK_EVERY_US: Final = 5_000_000  # after this time [µs] without it, a force that is held back is told again
 
@@ -98,7 +101,9 @@ class MasterCoupling:
     ) -> None:
         self._coupling: Any = parse_coupling(settings.coupling)
         applied_n = (lambda: operator.applied_n) if hasattr(operator, "applied_n") else None
-        max_force_n, scale = min(device_n, getattr(operator, "max_force_n", math.inf)), getattr(operator, "scale", 1.0)
+        moved: Capabilities | None = getattr(operator, "capabilities", None)  # of the device in the hand
+        max_force_n = device_n if moved is None else min(device_n, moved.max_force_n)
+        scale = getattr(operator, "scale", 1.0)
         self._port = Port(operator.axes, law, period_us, max_force_n, scale, applied_n)
         self.request: tuple[str, dict[str, float]] | None = None  # what the slave is asked for, if it takes part
         self._forward_bytes = self.feedback_bytes = 0  # data before a position and before a force [B]

@@ -99,6 +99,7 @@ class MasterNode:
         # No lead on a coupled force, because the future coupling is unknown.
         leads = not (self._coupling.limits or self.parts)
         self._lead_us = fingertip.lead_us if fingertip is not None and leads else None
+        self.adaptations = self._rendering.adaptations(getattr(operator, "capabilities", None), settings)
         self._first_touch = FirstTouch(fingertip) if settings.first_touch and fingertip is not None else None
         self._script_start_us: int | None = None
         self.position_m: Vector | None = None  # position [m] of the newest tick; None before there is a session
@@ -329,6 +330,7 @@ class MasterNode:
             **self._rendering.report(),
             **({} if self.vibration is None else {"vibration": self.vibration.report()}),
             "coupling": self._coupling.report(),
+            "adaptations": self.adaptations,
             "round_trip": self.session.round_trip.report(),
             "age_of_applied_force": self.age.report(),
             "ticks_on_model": self._applied.ticks_on_model,

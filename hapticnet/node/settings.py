@@ -7,7 +7,7 @@ from hapticnet.codec.base import Codec
 from hapticnet.codec.registry import codec_parameters
 from hapticnet.control.couplings import parse_coupling
 from hapticnet.control.force_settings import ForceControlSettings
-from hapticnet.control.hold import HoldSettings, LimitSettings
+from hapticnet.control.hold import HoldSettings
 from hapticnet.control.ports import TwoPort
 from hapticnet.errors import SettingsError
 from hapticnet.parts import law_numbers, parts_request
@@ -60,7 +60,6 @@ class MasterSettings:
     first_touch: bool = False  # whether to find the finger before asking for a session
     session: SessionSettings = field(default_factory=SessionSettings)
     hold: HoldSettings = field(default_factory=HoldSettings)
-    limits: LimitSettings = field(default_factory=LimitSettings)
     control: ForceControlSettings = field(default_factory=ForceControlSettings)
 
     def __post_init__(self) -> None:
@@ -103,15 +102,17 @@ class MasterSettings:
         )
 
 
-def device_axis(takes: DeviceTakes, axes: int) -> int | None:
-    """Return the number of the axis that the device renders; None for the norm."""
+def device_axes(takes: DeviceTakes, axes: int, device_has: int) -> tuple[int, ...] | None:
+    """Return the axes of a force that a device renders; None: the norm. With one axis, it renders what it `takes`."""
+    if device_has > 1 and axes > 1:
+        return tuple(range(min(device_has, axes)))
     if takes == "norm":
         return None
     axis = "xyz".index(takes)
     if axis >= axes:
         of = "one axis" if axes == 1 else f"{axes} axes"
         raise SettingsError(f"the device is to render the force along {takes}, but positions have {of}")
-    return axis
+    return (axis,)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

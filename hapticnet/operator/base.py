@@ -1,13 +1,15 @@
 """The interface of an operator, which moves the tool, and users' objects behind it."""
 
-import math
 from collections.abc import Callable, Sequence
-from typing import Any, Protocol
+from typing import Any, Final, Protocol
 
-from hapticnet.checks import check_integer, check_parameter
-from hapticnet.parts import Parts, declared
+from hapticnet.capabilities import Capabilities, capabilities_of
+from hapticnet.checks import check_integer
+from hapticnet.parts import Parts, declared, force_axes
 from hapticnet.samples import PositionSample, Vector
 from hapticnet.user_code import attribute_of, failure, method_of, vector_from
+
+LONGEST_STEP_US: Final = 20_000  # longest time [µs] between two calls that lets the force on a hand rise
 
 
 class Operator(Protocol):
@@ -46,25 +48,18 @@ class UserOperator:
     """An object of the user's, with its results checked. Satisfies `Operator`.
 
     Its ``sample(t_us)`` returns the position [m] at a time [µs] since the start: a `PositionSample`, a number, or a
-    sequence of numbers, one for each axis. Optional: ``max_force_n``, the largest force [N] with which it pushes the
-    hand, for a coupling; ``feel(t_us, force_n)``, called in every tick with the force held [N], a tuple; ``axes`` (1 to
-    3; default 1) or ``parts``, such as ``("force:3", "torque:3", "grip:1")`` (`hapticnet.parts`); ``duration_us``,
+    sequence of numbers, one for each axis. Optional: ``feel(t_us, force_n)``, called in every tick with the force held
+    [N], a tuple, whose first part is within the capabilities that it declares (``max_force_n``, ``slew_n_per_s``,
+    ``travel_m``: by default no limit; ``grounded``: by default whether it has a ``max_force_n``); ``axes`` (1 to 3;
+    default 1) or ``parts``, such as ``("force:3", "torque:3", "grip:1")`` (`hapticnet.parts`); ``duration_us``,
     after which the run ends. `what` names the object in messages, such as "operator own.py:Mine". Raise SettingsError
     if a method cannot be called this way, or an attribute cannot be used.
     """
 
     __slots__ = (
-        "_feel",
-        "_hand_feel",
-        "_hand_sample",
-        "_sample",
-        "axes",
-        "duration_us",
-        "hand",
-        "max_force_n",
-        "parts",
-        "what",
-    )
+        "_feel", "_felt_n", "_felt_us", "_hand_feel", "_hand_sample", "_sample", "axes", "capabilities", "duration_us",
+        "hand", "parts", "what",
+    )  # fmt: skip
 
     def __init__(self, hand: HasSample, what: str = "the operator") -> None:
         self.hand = hand
@@ -81,9 +76,11 @@ class UserOperator:
             check_integer(f"{what}: duration_us", duration_us, 1, 2**62, "µs")
             duration_us = int(duration_us)
         self.duration_us = duration_us
-        self.max_force_n: float = attribute_of(hand, "max_force_n", math.inf, what)
-        if self.max_force_n != math.inf:
-            check_parameter(f"{what}: max_force_n", self.max_force_n, 1e-6, 1e6, "N")
+        of_force = force_axes(self.axes, self.parts)
+        pushes = attribute_of(hand, "max_force_n", None, what) is not None
+        self.capabilities = capabilities_of(hand, what, Capabilities(axes=of_force or 1, grounded=pushes))
+        self._felt_n: Vector = (0.0,) * of_force
+        self._felt_us = 0
 
     def sample(self, t_us: int) -> PositionSample:
         """Return the position at a time [µs]; UserCodeError if the object raises, or returns an invalid position."""
@@ -97,10 +94,13 @@ class UserOperator:
         return PositionSample(t_us, position_m)
 
     def feel(self, t_us: int, force_n: Vector) -> None:
-        """Tell the object the force held at `t_us` [µs]; raise UserCodeError if the object raises."""
+        """Tell the object the force held at `t_us` [µs], within its limits; raise UserCodeError if it raises."""
         if self._hand_feel is None:
             return
+        step_us, self._felt_us = min(max(0, t_us - self._felt_us), LONGEST_STEP_US), t_us
+        of_force = len(self._felt_n)
+        self._felt_n = self.capabilities.limited(force_n[:of_force], self._felt_n, step_us)
         try:
-            self._hand_feel(t_us, force_n)
+            self._hand_feel(t_us, (*self._felt_n, *force_n[of_force:]))
         except BaseException as error:
             raise failure(self._feel, error) from error

@@ -6,11 +6,11 @@ frame: x to the right, y forward, z up. It applies a force once: a client that s
 """
 
 import json
-import math
 from collections import deque
 from dataclasses import dataclass
 from typing import Any, Final
 
+from hapticnet.capabilities import Capabilities
 from hapticnet.checks import check_integer, check_parameter, meant
 from hapticnet.errors import PeerError, SettingsError
 from hapticnet.samples import PositionSample, Vector, new_tuple
@@ -23,6 +23,7 @@ USUAL_N: Final = 2.0
 Haply's data sheet could not be read."""
 HIGHEST_N: Final = 10.0  # largest force [N] that a user may ask for: an assumption
 SLEW_N_PER_S: Final = 200.0  # largest rise of the force: an assumption; a wall of 2 kN/m at 0.1 m/s
+TRAVEL_M: Final = 0.2  # how far the handle moves on each axis: an assumption, as Haply's data sheet could not be read
 RISE_US: Final = 500_000  # time [µs] in which the limit rises from zero once the hand holds the tool: an assumption
 LONGEST_STEP_US: Final = 5_000  # longest time [µs] between two commands that lets the force rise
 FELT_US: Final = 100_000  # age [µs] from which a force is not applied: the master asks in every tick
@@ -120,7 +121,11 @@ class HaplyOperator:
     what = "the Inverse3"
 
     def __init__(self, settings: HaplySettings) -> None:
-        self.settings, self.axes, self.max_force_n = settings, settings.axes, settings.max_force_n
+        self.settings, self.axes = settings, settings.axes
+        self.capabilities = Capabilities(
+            axes=settings.axes, max_force_n=settings.max_force_n, slew_n_per_s=SLEW_N_PER_S, travel_m=TRAVEL_M,
+            grounded=True,
+        )  # fmt: skip
         # Counts: states of the device, messages without, and times when the force went to zero by a fault
         self.states = self.malformed = self.faults = 0
         self.device_id: str | None = None  # None: there is no connection, or no such device
@@ -184,7 +189,7 @@ class HaplyOperator:
             self.device_id = found_id
         if self.fault is not None:
             self.fault = None
-            self._tell(f"Inverse3 {self.device_id} holds the tool, at most {self.max_force_n:g} N", now_us)
+            self._tell(f"Inverse3 {self.device_id} holds the tool, at most {self.capabilities.max_force_n:g} N", now_us)
         if clutched:
             self._held_us = None
             return
@@ -214,16 +219,11 @@ class HaplyOperator:
 
     def _limited(self, now_us: int) -> Vector:
         """Return the force [N] nearest to the one felt that the limits allow."""
-        wanted_n = self._force_n
-        size_n = math.hypot(*wanted_n)
-        if self._held_us is None or now_us - self._felt_us >= FELT_US or not 0.0 < size_n < math.inf:
+        if self._held_us is None or now_us - self._felt_us >= FELT_US:
             return self._zero_n
-        # Falling is free, and so is turning away: only what grows along the wanted direction could strike.
-        along_n = sum([a * w for a, w in zip(self._applied_n, wanted_n, strict=True)]) / size_n
         step_us = min(now_us - self._commanded_us, LONGEST_STEP_US)
-        most_n = self.max_force_n * min((now_us - self._held_us) / RISE_US, 1.0)
-        most_n = min(max(along_n, 0.0) + SLEW_N_PER_S * 1e-6 * step_us, most_n)
-        return tuple([most_n / size_n * each for each in wanted_n]) if size_n > most_n else wanted_n
+        share = min((now_us - self._held_us) / RISE_US, 1.0)
+        return self.capabilities.limited(self._force_n, self._applied_n, step_us, share)
 
     def _tell(self, line: str, now_us: int) -> None:
         if now_us - self._told_us.get(line, -LINES_EVERY_US) >= LINES_EVERY_US:

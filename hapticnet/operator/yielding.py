@@ -19,6 +19,7 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
+from hapticnet.capabilities import Capabilities
 from hapticnet.checks import check_integer, check_parameter, meant
 from hapticnet.errors import SettingsError
 from hapticnet.operator.base import Operator
@@ -83,6 +84,10 @@ class GroundedSettings:
             check_parameter("largest force of the device", self.max_force_n, 1e-3, 1e4, "N")
         if self.rate_hz != math.inf:
             check_parameter("rate of the device", self.rate_hz, 20.0, 1e5, "Hz")
+
+    def capabilities(self, axes: int) -> Capabilities:
+        """Return what the device can do on so many axes."""
+        return Capabilities(axes=axes, max_force_n=self.max_force_n, rate_hz=self.rate_hz, grounded=True)
 
 
 HAND_KEYS: Final = {
@@ -169,6 +174,7 @@ class YieldingOperator:
         self.axes = intended.axes
         self.duration_us = intended.duration_us
         self.intended, self.hand, self.device = intended, hand, device or GroundedSettings()
+        self.capabilities = self.device.capabilities(self.axes)
         self.applied_n: Vector = (0.0,) * self.axes  # force [N] of the device on the hand now
         self._taken_us: int | None = None
         self._period_us = 1e6 / self.device.rate_hz
@@ -179,11 +185,6 @@ class YieldingOperator:
         self._past: deque[tuple[int, tuple[float, ...]]] = deque()  # offsets that the reflex has not answered yet
         self._step_us = 0
         self._step = exact_step(1.0, 1.0, 1.0, 1.0)
-
-    @property
-    def max_force_n(self) -> float:
-        """Largest force [N] that the device renders."""
-        return self.device.max_force_n
 
     def feel(self, t_us: int, force_n: Vector) -> None:
         """Apply a force [N] until the next one, if the device takes one now, at most its largest."""

@@ -196,9 +196,8 @@ class SimulatedNano(Device):
         self.wired = wired or WiredDevice(
             loading_calibration(settings.sensor), linkage=settings.linkage, servo=settings.servo
         )
-        self.travel_m = self.wired.travel_m
+        self.capabilities = self.wired.capabilities
         self.delay_us = self.wired.delay_us
-        self.max_force_n = self.wired.max_force_n
         self.description = (
             f"simulated Nano with the compiled firmware, finger {settings.finger.stiffness_n_m / 1000.0:g} N/mm at 1 N"
         )

@@ -6,7 +6,8 @@ from typing import Any
 
 import pytest
 
-from hapticnet.control.hold import SLEW_N_PER_S, HoldSettings
+from hapticnet.control.hold import HoldSettings
+from hapticnet.hardware import SLEW_N_PER_S
 from hapticnet.node.master import MasterNode
 from hapticnet.protocol.settings import SessionSettings
 from hapticnet.protocol.slave_session import SlaveSession

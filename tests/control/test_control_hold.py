@@ -8,13 +8,13 @@ from hypothesis import strategies as st
 from hapticnet.control.hold import (
     LONGEST_STEP_US,
     PAUSE_US,
-    SLEW_N_PER_S,
     ForceLimiter,
     Hold,
     HoldSettings,
-    LimitSettings,
 )
+from hapticnet.device.base import presses
 from hapticnet.errors import SampleError, SettingsError
+from hapticnet.hardware import MAX_FORCE_N, SLEW_N_PER_S
 
 SETTINGS = HoldSettings()
 LIMIT_US = SETTINGS.age_limit_us
@@ -124,7 +124,7 @@ def test_a_link_that_dies_while_the_force_rises_keeps_it_and_releases_it_no_late
 
 
 def test_the_first_force_of_a_session_rises_at_the_slew_limit_as_well() -> None:
-    assert HoldSettings().rise_n_per_s == LimitSettings().slew_n_per_s == SLEW_N_PER_S
+    assert HoldSettings().rise_n_per_s == presses(0.01).slew_n_per_s == SLEW_N_PER_S
     hold = Hold(SETTINGS)
     hold.receive((4.0,), 5_000)
     assert hold.value(5_000) == (0.0,)
@@ -242,39 +242,38 @@ def test_refuses_bad_settings() -> None:
             Hold(SETTINGS, axes=axes)
 
 
-LIMIT_SETTINGS = LimitSettings()
-LIMIT_STEP_N = LIMIT_SETTINGS.slew_n_per_s * LONGEST_STEP_US * 1e-6
+LIMIT_STEP_N = SLEW_N_PER_S * LONGEST_STEP_US * 1e-6
 ANY_FORCE = st.floats(allow_nan=True, allow_infinity=True)
 
 
 @given(st.lists(st.tuples(ANY_FORCE, st.integers(-(10**6), 10**6)), max_size=60))
 def test_output_stays_within_clamp_and_slew_for_any_input(calls: list[tuple[float, int]]) -> None:
-    limiter = ForceLimiter(LIMIT_SETTINGS)
+    limiter = ForceLimiter(MAX_FORCE_N, SLEW_N_PER_S)
     now_us, before_n = 0, 0.0
     for force_n, elapsed_us in calls:
         now_us += elapsed_us
         limited_n = limiter.limit(force_n, now_us)
-        assert 0.0 <= limited_n <= LIMIT_SETTINGS.max_force_n
+        assert 0.0 <= limited_n <= MAX_FORCE_N
         most_us = min(max(elapsed_us, 0), LONGEST_STEP_US)
-        assert limited_n - before_n <= LIMIT_SETTINGS.slew_n_per_s * most_us * 1e-6 + 1e-12
+        assert limited_n - before_n <= SLEW_N_PER_S * most_us * 1e-6 + 1e-12
         before_n = limited_n
 
 
 @given(st.lists(st.integers(1, 5_000), min_size=1, max_size=200))
 def test_a_rise_does_not_depend_on_the_ticks(elapsed_us: list[int]) -> None:
-    limiter = ForceLimiter(LIMIT_SETTINGS)
+    limiter = ForceLimiter(MAX_FORCE_N, SLEW_N_PER_S)
     now_us = 1_000
     limited_n = limiter.limit(99.0, now_us)
     for step_us in elapsed_us:
         now_us += step_us
         limited_n = limiter.limit(99.0, now_us)
-    expected_n = min(LIMIT_SETTINGS.max_force_n, LIMIT_SETTINGS.slew_n_per_s * (now_us - 1_000) * 1e-6)
+    expected_n = min(MAX_FORCE_N, SLEW_N_PER_S * (now_us - 1_000) * 1e-6)
     assert limited_n == pytest.approx(expected_n, rel=1e-12)
 
 
 def pressing(force_n: float) -> tuple[ForceLimiter, int]:
     """Return a limiter whose target is `force_n`, and the time [µs]."""
-    limiter = ForceLimiter(LIMIT_SETTINGS)
+    limiter = ForceLimiter(MAX_FORCE_N, SLEW_N_PER_S)
     now_us = 0
     while limiter.limit(force_n, now_us) < force_n:
         now_us += 1_000
@@ -311,16 +310,8 @@ def test_an_invalid_force_sets_the_target_to_zero(force_n: float) -> None:
 
 
 def test_the_target_does_not_rise_at_repeated_or_earlier_times() -> None:
-    limiter = ForceLimiter(LIMIT_SETTINGS)
+    limiter = ForceLimiter(MAX_FORCE_N, SLEW_N_PER_S)
     limiter.limit(5.0, 10**12)
     assert limiter.limit(5.0, 10**12) == 0.0
     assert limiter.limit(5.0, 0) == 0.0
     assert limiter.limit(5.0, 1_000) == pytest.approx(0.05)
-
-
-def test_refuses_bad_limits_and_those_above_the_device() -> None:
-    for name, value in itertools.product(("max_force_n", "slew_n_per_s"), (0.0, -1.0, math.nan, math.inf)):
-        with pytest.raises(SettingsError, match="must be above 0"):
-            LimitSettings(**{name: value})
-    with pytest.raises(SettingsError, match=r"5\.5"):
-        LimitSettings(max_force_n=5.5)

@@ -56,7 +56,7 @@ def test_the_platform_reaches_its_displacement_and_stays() -> None:
     made.run(1_000, math.nan)
     assert made.device.servos.displacement_m < 6e-5
     made.run(1_000, 1e300)
-    assert made.device.servos.displacement_m == pytest.approx(made.host.travel_m, abs=6e-5)
+    assert made.device.servos.displacement_m == pytest.approx(made.host.capabilities.travel_m, abs=6e-5)
 
 
 @given(st.lists(st.tuples(ANY, st.integers(1, 45)), max_size=30))

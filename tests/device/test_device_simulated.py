@@ -23,8 +23,8 @@ def test_has_a_description() -> None:
     assert Device in SimulatedDevice.__mro__
     assert "0.6 N/mm" in made.description
     assert made.status == "ready"
-    assert made.max_force_n == 5.0
-    assert 0.015 <= made.travel_m < 0.016
+    assert made.capabilities.max_force_n == 5.0
+    assert 0.015 <= made.capabilities.travel_m < 0.016
 
 
 def test_pressing_a_finger_reads_the_true_force_within_the_sensor_s_error() -> None:
@@ -103,4 +103,4 @@ def test_never_raises_and_stays_within_the_travel(calls: list[tuple[float, int]]
         reading = made.exchange(displacement_m, now_us)
         assert 0 <= reading.adc <= 1023
         assert 0.0 <= reading.force_n <= 20.0
-        assert -4e-4 <= made.plant.displacement_m <= made.travel_m + 4e-4
+        assert -4e-4 <= made.plant.displacement_m <= made.capabilities.travel_m + 4e-4

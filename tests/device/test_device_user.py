@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 
 from hapticnet.control.force_settings import ForceControlSettings
-from hapticnet.control.hold import LimitSettings
 from hapticnet.device.base import Reading
 from hapticnet.device.user import UserActuator, UserDevice, as_user_device
 from hapticnet.errors import SettingsError, UserCodeError
@@ -27,7 +26,7 @@ class Platform:
 
 
 def test_a_class_with_exchange_is_a_device_that_the_force_loop_drives():
-    fingertip = Fingertip(UserDevice(Platform()), LimitSettings(), ForceControlSettings())
+    fingertip = Fingertip(UserDevice(Platform()), ForceControlSettings())
     for now_us in range(0, 3_000_000, 1000):
         fingertip.press(1.5, now_us)
     assert fingertip.sensed_n == pytest.approx(1.5, abs=0.1)
@@ -44,7 +43,7 @@ def test_displacements_stay_within_the_travel():
 
 def test_a_device_without_a_reading_is_lost():
     device = UserDevice(Platform(lambda: None))
-    fingertip = Fingertip(device, LimitSettings(), ForceControlSettings())
+    fingertip = Fingertip(device, ForceControlSettings())
     assert device.exchange(0.001, 0) is None
     assert device.status == "it gives no reading"
     device.made.answer = None
@@ -58,7 +57,8 @@ def test_it_may_return_a_whole_reading_and_describe_itself():
     reading = Reading(3, 512.0, 1.0, 0.0015)
     device = UserDevice(Platform(lambda: reading, description="my rig", status="warm", max_force_n=2.0, travel_m=0.01))
     assert device.exchange(0.002, 5) is reading
-    assert (device.description, device.status, device.max_force_n, device.travel_m) == ("my rig", "warm", 2.0, 0.01)
+    assert (device.description, device.status) == ("my rig", "warm")
+    assert (device.capabilities.max_force_n, device.capabilities.travel_m) == (2.0, 0.01)
 
 
 @pytest.mark.parametrize("answer", ["1", float("nan"), 1e300, (1.0,), Reading(0, 0.0, math.inf, 0.0), [None], 10**400])
@@ -70,10 +70,19 @@ def test_a_wrong_reading_and_what_it_raises_are_errors_of_the_user(answer):
 
 
 @pytest.mark.parametrize(
-    "attributes", [{"travel_m": 0.0}, {"travel_m": 7}, {"max_force_n": math.nan}, {"travel_m": "5 mm"}]
+    "attributes",
+    [
+        {"travel_m": 0.0},
+        {"travel_m": 17},
+        {"max_force_n": math.nan},
+        {"travel_m": "5 mm"},
+        {"grounded": 1},
+        {"rate_hz": -1.0},
+        {"slew_n_per_s": True},
+    ],
 )
 def test_attributes_that_cannot_be_used_are_refused(attributes):
-    with pytest.raises(SettingsError, match=r"^device own.py:Platform: (travel_m|max_force_n) is "):
+    with pytest.raises(SettingsError, match=r"^device own.py:Platform: [a-z_]+ (of the device )?is "):
         UserDevice(Platform(**attributes), "device own.py:Platform")
 
 
@@ -113,7 +122,7 @@ class Motor:
 
 def test_an_actuator_gets_forces_within_the_limits_and_rising_no_faster_than_they_allow():
     made = Motor(max_force_n=2.0)
-    actuator = Actuator(as_user_device(made), LimitSettings(slew_n_per_s=50.0))
+    actuator = Actuator(as_user_device(made))
     for now_us in range(0, 100_000, 1000):
         actuator.press(3.0, now_us)
     assert made.told[0] == 0.0
@@ -124,19 +133,23 @@ def test_an_actuator_gets_forces_within_the_limits_and_rising_no_faster_than_the
         assert made.told[-1] == 0.0
     assert actuator.next_event() == DeviceFound("Motor (own device)")
     assert actuator.next_event() is None
-    assert actuator.report() == {"description": "Motor (own device)", "status": "ready", "line": {}}
+    report = actuator.report()
+    assert report.pop("capabilities") == {
+        "axes": 1, "max_force_n": 2.0, "slew_n_per_s": 50.0, "rate_hz": None, "travel_m": 0.005, "grounded": False,
+    }  # fmt: skip
+    assert report == {"description": "Motor (own device)", "status": "ready", "line": {}}
 
 
 def test_what_an_actuator_senses_is_taken_and_checked():
-    actuator = Actuator(UserActuator(Motor(lambda force_n: 0.9 * force_n)), LimitSettings())
+    actuator = Actuator(UserActuator(Motor(lambda force_n: 0.9 * force_n)))
     for now_us in range(0, 100_000, 1000):
         actuator.press(1.0, now_us)
     assert actuator.sensed_n == pytest.approx(0.9)
     for answer in (lambda _: "1", lambda _: math.nan, lambda _: (1.0,)):
         with pytest.raises(UserCodeError, match=r"^Motor.apply returned .* a finite number \[N\] or None$"):
-            UserActuator(Motor(answer)).apply(1.0, 0)
+            UserActuator(Motor(answer)).apply((1.0,), 0)
     with pytest.raises(UserCodeError, match=r"^Motor.apply raised ZeroDivisionError: .*test_device_user.py, line"):
-        UserActuator(Motor(lambda _: 1 / 0)).apply(1.0, 0)
+        UserActuator(Motor(lambda _: 1 / 0)).apply((1.0,), 0)
 
 
 def test_the_method_says_which_kind_of_device_it_is():

@@ -32,9 +32,9 @@ def test_is_a_device_that_is_lost_until_its_port_is_opened() -> None:
     assert host.exchange(0.001, 1_000) is None
     assert host.bytes_to_send() == b""
     assert host.status == "the port is not open"
-    assert host.max_force_n == 4.0  # the end of its table
-    assert WiredDevice(Calibration(counts=(100.0, 900.0), forces_n=(0.2, 20.0))).max_force_n == 5.0
-    assert 0.015 <= host.travel_m < 0.016
+    assert host.capabilities.max_force_n == 4.0  # the end of its table
+    assert WiredDevice(Calibration(counts=(100.0, 900.0), forces_n=(0.2, 20.0))).capabilities.max_force_n == 5.0
+    assert 0.015 <= host.capabilities.travel_m < 0.016
 
 
 def test_sends_hello_requests_a_stream_and_gives_readings() -> None:

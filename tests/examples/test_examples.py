@@ -16,7 +16,6 @@ import pytest
 
 import hapticnet as hn
 from hapticnet.control.force_settings import ForceControlSettings
-from hapticnet.control.hold import LimitSettings
 from hapticnet.device.user import UserDevice
 from hapticnet.node.fingertip import Fingertip
 from hapticnet.operator.base import UserOperator
@@ -55,7 +54,7 @@ def test_the_explorer_finds_the_ball_and_presses_with_the_force_it_wants():
 def test_the_force_loop_drives_the_platform():
     device = UserDevice(find_user_class("own_device.py:Platform:port=COM3", "device", EXAMPLES).make())
     assert device.description == "platform on COM3"
-    fingertip = Fingertip(device, LimitSettings(), ForceControlSettings())
+    fingertip = Fingertip(device, ForceControlSettings())
     for now_us in range(1000, 3_000_000, 1000):
         fingertip.press(1.5, now_us)
     assert fingertip.sensed_n == pytest.approx(1.5, abs=0.1)

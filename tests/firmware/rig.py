@@ -4,7 +4,6 @@ from collections.abc import Callable
 from pathlib import Path
 
 from hapticnet.control.force_settings import ForceControlSettings
-from hapticnet.control.hold import LimitSettings
 from hapticnet.node.fingertip import Fingertip, FingertipEvent
 from hapticnet.runtime.nano import Simavr, SimulatedNano
 
@@ -23,7 +22,7 @@ class Rig:
     def __init__(self, nano: SimulatedNano, build: tuple[Path, Path]) -> None:
         self.nano = nano
         self.build = build
-        self.fingertip = Fingertip(nano, LimitSettings(), ForceControlSettings())
+        self.fingertip = Fingertip(nano, ForceControlSettings())
         self.now_us = 0
         self.felt_n: list[float] = []
         self.events: list[tuple[int, FingertipEvent]] = []

@@ -277,7 +277,7 @@ def test_a_frozen_sensor_is_detected_when_the_platform_moves(
 def test_the_target_is_limited_to_the_end_of_the_table(rig: Any, stiffness_n_m: float) -> None:
     table = GENERIC_CALIBRATION
     made = rig(stiffness_n_m, calibration=Calibration(table.counts[:7], table.forces_n[:7]))
-    assert made.nano.max_force_n == 3.0
+    assert made.nano.capabilities.max_force_n == 3.0
     assert 2.5 < max(made.press(5.0, 2_500)) <= 3.2
     assert not made.times_ms(ForceFault)
 

@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 
 from hapticnet.control.force_settings import ForceControlSettings, for_known_finger
-from hapticnet.control.hold import LimitSettings
 from hapticnet.device.base import Reading
 from hapticnet.device.servos import Servo
 from hapticnet.device.simulated import Finger, PlantSettings, SimulatedDevice
@@ -60,7 +59,7 @@ def play(
     device = Meddled(settings or PlantSettings(), seed, delay_ms)
     if spoil:
         device.spoil = spoil
-    fingertip = Fingertip(device, LimitSettings(), ForceControlSettings())
+    fingertip = Fingertip(device, ForceControlSettings())
     rows = []
     for ms in range(milliseconds):
         meddle(ms, device)
@@ -84,7 +83,7 @@ def step(stiffness_n_m: float, seed: int, **servo: float) -> tuple[StepTest, Sim
     """0.4 to 2 N, at a moment that lies elsewhere in the servo frame for each seed."""
     device = SimulatedDevice(stiffness(stiffness_n_m, **servo), np.random.default_rng(seed))
     test = StepTest(
-        Fingertip(device, LimitSettings(), ForceControlSettings()),
+        Fingertip(device, ForceControlSettings()),
         from_n=0.4,
         to_n=2.0,
         before_us=2_500_000 + 3_000 * seed,
@@ -187,7 +186,7 @@ def test_a_lost_device_is_told_and_met_like_a_stranger_when_it_is_back() -> None
 def test_tuning_finds_finger_and_stiffness_with_bounded_force(stiffness_n_m: float, contact_m: float) -> None:
     finger = Finger(stiffness_n_m=stiffness_n_m, contact_m=contact_m)
     device = SimulatedDevice(PlantSettings(finger=finger), np.random.default_rng(1))
-    tuning = Tuning(Fingertip(device, LimitSettings(), ForceControlSettings(reach_m=device.travel_m)))
+    tuning = Tuning(Fingertip(device, ForceControlSettings(reach_m=device.capabilities.travel_m)))
     now_us, strongest_n = 0, 0.0
     while not tuning.tick(now_us):
         now_us += 1_000
@@ -206,7 +205,7 @@ def test_tuning_finds_finger_and_stiffness_with_bounded_force(stiffness_n_m: flo
 @pytest.mark.parametrize("lost_after_us", [-1_000_000, 100_000, 1_900_000])
 def test_a_step_during_which_the_device_is_lost_gives_no_figures(lost_after_us: int) -> None:
     device = Meddled(stiffness(1000.0), 1)
-    test = StepTest(Fingertip(device, LimitSettings(), ForceControlSettings()), from_n=0.4, to_n=2.0)
+    test = StepTest(Fingertip(device, ForceControlSettings()), from_n=0.4, to_n=2.0)
     lost_us = 2_500_000 + lost_after_us
     device.spoil = lambda ms, sensed_n: None if lost_us <= 1_000 * ms < lost_us + 20_000 else sensed_n
     with pytest.raises(UnavailableError, match=f"lost {lost_us / 1e6:.1f} s into the test"):

@@ -10,9 +10,10 @@ from hypothesis import strategies as st
 
 from hapticnet.codec.registry import make_codec
 from hapticnet.control.force_settings import ForceControlSettings
-from hapticnet.control.hold import FRESH_US, SLEW_N_PER_S, HoldSettings, LimitSettings
+from hapticnet.control.hold import FRESH_US, HoldSettings
 from hapticnet.device.servos import Servo
 from hapticnet.device.simulated import Finger, PlantSettings, Sensor, SimulatedDevice
+from hapticnet.hardware import SLEW_N_PER_S
 from hapticnet.node.applied import AppliedForce
 from hapticnet.node.fingertip import Fingertip
 from hapticnet.node.force_predictor import STIFFEST_N_M, ForcePredictor
@@ -177,7 +178,7 @@ def felt_n(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return target and true force [N] of each ms, after the finger was found and released."""
     device = SimulatedDevice(plant, np.random.default_rng(seed))
-    fingertip = Fingertip(device, LimitSettings(), ForceControlSettings())
+    fingertip = Fingertip(device, ForceControlSettings())
     for ms in range(2_500):
         fingertip.press(1.0 if 200 <= ms < 2_000 else 0.0, ms * 1_000)
     rows = []

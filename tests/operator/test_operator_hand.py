@@ -74,7 +74,7 @@ def test_the_master_s_hand_intends_the_scripted_motion_palpation_or_a_recording(
         for t_us in range(0, 1_500_000, 1000):
             operator.feel(t_us, (0.0,) * operator.axes)
             assert operator.sample(t_us).position_m == pytest.approx(alone.operator.sample(t_us).position_m, abs=1e-12)
-    assert operator.max_force_n == 3.0
+    assert operator.capabilities.max_force_n == 3.0
 
 
 def test_a_virtual_link_has_the_same_hand_from_text_as_from_an_object(tmp_path):

@@ -30,7 +30,7 @@ class FeelingHand(Hand):
 def test_a_class_with_sample_is_an_operator():
     hand = UserOperator(Hand())
     assert hand.sample(1_000_000) == PositionSample(1_000_000, (0.001,))
-    assert (hand.axes, hand.duration_us, hand.max_force_n) == (1, None, math.inf)
+    assert (hand.axes, hand.duration_us, hand.capabilities.max_force_n) == (1, None, math.inf)
     hand.feel(0, (1.0,))  # a hand that does not feel is asked nothing
 
 

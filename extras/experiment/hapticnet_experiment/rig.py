@@ -14,7 +14,7 @@ import numpy as np
 from hapticnet.channel.emulator import Emulator
 from hapticnet.channel.spec import parse_channel
 from hapticnet.control.force_settings import ForceControlSettings
-from hapticnet.control.hold import Hold, HoldSettings, LimitSettings
+from hapticnet.control.hold import Hold, HoldSettings
 from hapticnet.device.simulated import PlantSettings, SimulatedDevice
 from hapticnet.errors import UnavailableError
 from hapticnet.node.events import Failed, NodeEvent
@@ -260,7 +260,7 @@ class VirtualRig:
 def play_trial(stimulus: Stimulus) -> Played:
     """Play one trial in virtual time, with a device that has found the finger; raise UnavailableError if it fails."""
     device = SimulatedDevice(PlantSettings(), np.random.default_rng([stimulus.seed, 9]))
-    rig = VirtualRig(Fingertip(device, LimitSettings(), ForceControlSettings()), MasterSettings())
+    rig = VirtualRig(Fingertip(device, ForceControlSettings()), MasterSettings())
     asyncio.run(rig.run(Meet()))
     outcome = asyncio.run(rig.run(stimulus))
     if not isinstance(outcome, Played):

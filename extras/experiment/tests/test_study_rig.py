@@ -9,7 +9,6 @@ from conducted import GivenRig, WillingFront
 from killed import settings_of
 
 from hapticnet.control.force_settings import ForceControlSettings
-from hapticnet.control.hold import LimitSettings
 from hapticnet.device.simulated import PlantSettings, SimulatedDevice
 from hapticnet.errors import FileError
 from hapticnet.node.fingertip import Fingertip
@@ -58,7 +57,7 @@ def push(contact_s, before_s=0.1):
 
 def fingertip():
     device = SimulatedDevice(PlantSettings(), np.random.default_rng(1))
-    return Fingertip(device, LimitSettings(), ForceControlSettings())
+    return Fingertip(device, ForceControlSettings())
 
 
 def rig_with(make_hand=scripted_hand):

@@ -9,8 +9,8 @@ from textwrap import fill
 import pytest
 
 from hapticnet.control.force_settings import ForceControlSettings
-from hapticnet.control.hold import LimitSettings
 from hapticnet.errors import HapticnetError
+from hapticnet.hardware import MAX_FORCE_N
 from hapticnet.web.server import static_files
 from hapticnet_experiment.fronts import TerminalFront, in_lines
 from hapticnet_experiment.page import ParticipantPage
@@ -65,7 +65,7 @@ def test_the_consent_states_the_forces_of_the_safety_page():
     stated = re.findall(r"[0-9.]+ N\b", english().consent["risk"])
     assert len(stated) == 3
     assert [each for each in stated if f"**{each}**" not in table] == []
-    reached_n = LimitSettings().max_force_n - ForceControlSettings().headroom_n
+    reached_n = MAX_FORCE_N - ForceControlSettings().headroom_n
     assert f"**{reached_n:g} N**" in table
     assert float(stated[0].removesuffix(" N")) >= reached_n
 

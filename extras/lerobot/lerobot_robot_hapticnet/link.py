@@ -7,7 +7,6 @@ force in the same tick. LeRobot's loop reads and records both.
 
 import asyncio
 import logging
-import math
 import time
 from collections import deque
 from collections.abc import AsyncIterator, Sequence
@@ -20,6 +19,7 @@ from weakref import WeakValueDictionary
 from lerobot.utils.errors import DeviceNotConnectedError
 
 import hapticnet as hn
+from hapticnet.capabilities import Capabilities
 from hapticnet.errors import HapticnetError, SettingsError
 from hapticnet.protocol.states import LinkRecovered, LinkStale, SessionLost
 from hapticnet.runtime.system import now_us
@@ -53,7 +53,7 @@ class Tool:
         self.axes = axes
         self._hand = hand
         if hand is not None:
-            self.max_force_n = getattr(hand.operator, "max_force_n", math.inf)
+            self.capabilities = getattr(hand.operator, "capabilities", Capabilities(axes=axes))
         self.force_n: tuple[float, ...] = (0.0,) * axes
         self.at_m: tuple[float, ...] = (0.0,) * axes
         self.past: deque[tuple[int, tuple[float, ...]]] = deque(maxlen=HISTORY)

@@ -39,7 +39,6 @@ def tune(
 
     from hapticnet.cli.console import deliver, write_text
     from hapticnet.control.force_settings import ForceControlSettings
-    from hapticnet.control.hold import LimitSettings
     from hapticnet.control.margins import Actuator, loop_margins
     from hapticnet.device.profile import MeasuredFinger, dump_profile
     from hapticnet.node.fingertip import Fingertip
@@ -51,7 +50,7 @@ def tune(
 
     def prepare(made: "Device") -> Tuning:
         # The finger may be anywhere within the travel.
-        fingertip = Fingertip(made, LimitSettings(), ForceControlSettings(reach_m=made.travel_m))
+        fingertip = Fingertip(made, ForceControlSettings(reach_m=made.capabilities.travel_m))
         return Tuning(fingertip, max_force_n=max_force)
 
     made, tuning = _drive(device, known, seed, prepare)
@@ -102,7 +101,6 @@ def step(
     import numpy as np
 
     from hapticnet.cli.console import Console, check_new, check_outputs, deliver
-    from hapticnet.control.hold import LimitSettings
     from hapticnet.errors import UnavailableError
     from hapticnet.experiment.step_response import averaged, plot_step, step_figures
     from hapticnet.experiment.style import check_format, pyplot
@@ -119,7 +117,7 @@ def step(
     check_new(plot, overwrite=overwrite)
 
     def prepare(made: "Device") -> StepTest:
-        return StepTest(Fingertip(made, LimitSettings(), control), from_n=from_n, to_n=to_n)
+        return StepTest(Fingertip(made, control), from_n=from_n, to_n=to_n)
 
     made, test = _drive(device, known, seed, prepare)
     columns = test.recording.table()

@@ -14,7 +14,6 @@ from typing import TYPE_CHECKING, Any, Final, TypeAlias
 from hapticnet.cli.console import Console, complain, deliver
 from hapticnet.cli.operators import make_operator
 from hapticnet.cli.pages import listen_for, page_address, say_addresses
-from hapticnet.control.hold import LimitSettings
 from hapticnet.device.profile import Profile
 from hapticnet.device.user import UserActuator
 from hapticnet.errors import SettingsError
@@ -164,7 +163,7 @@ def _conduct_in_virtual_time(
     with devices.virtual_device(settings.device, known, device_seed) as made:
         if made is None:
             raise SettingsError(f"device {settings.device!r} cannot run in virtual time, as --simulate does")
-        rig = VirtualRig(Fingertip(made, LimitSettings(), devices.control_settings(known)), MasterSettings())
+        rig = VirtualRig(Fingertip(made, devices.control_settings(known)), MasterSettings())
         front = SimulatedFront(observer, rig, _seeds(settings))
         keep = record_trials(settings, {"device": settings.device})
         with open_session(settings, rig.now_us()) as (flow, store):
@@ -251,7 +250,7 @@ def _fingertip(settings: SessionSettings, known: Profile) -> Iterator[tuple[Fing
     with devices.real_time_device(device, known, settings.seed, complain) as (made, wire):
         if made is None or isinstance(made, UserActuator):
             raise SettingsError(f"device {device} renders forces by itself; the study measures its force loop")
-        yield Fingertip(made, LimitSettings(), devices.control_settings(known)), wire
+        yield Fingertip(made, devices.control_settings(known)), wire
 
 
 @contextmanager
