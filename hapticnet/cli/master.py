@@ -23,6 +23,7 @@ from hapticnet.node.settings import MasterSettings
 from hapticnet.node.step_times import StepsTooSlow
 from hapticnet.options import INSERTIONS, POSITION_SHARE, RECORD_LIMIT, VIBRATION_BUDGET
 from hapticnet.protocol.key_files import default_key
+from hapticnet.protocol.messages import Code
 from hapticnet.protocol.settings import SessionSettings
 from hapticnet.protocol.states import (
     ChangeRefused,
@@ -51,7 +52,7 @@ from hapticnet.runtime.watching import Watcher
 
 if TYPE_CHECKING:
     from hapticnet.protocol.keys import MasterKey
-    from hapticnet.protocol.messages import Code, Grant
+    from hapticnet.protocol.messages import Grant
 
 
 ADVISE_AFTER: Final = 6  # status intervals without a session before advice is printed: 3 s
@@ -211,7 +212,10 @@ def join(given: MasterOptions) -> None:
         if recording is not None:
             recording.recorder.check()
     if node.refused:
-        raise RefusedError(f"{address} refused the session: {node.end_reason}{refusal_advice(keys, messages.refusal)}")
+        advice = refusal_advice(keys, messages.refusal)
+        if served is not None and messages.refusal is Code.AXES:
+            advice = "; give the page as many with --operator page:axes=N"
+        raise RefusedError(f"{address} refused the session: {node.end_reason}{advice}")
     if node.failure is not None:
         raise UnavailableError(node.failure)
     if not outcome.connected and given.connect_timeout is not None:

@@ -16,8 +16,9 @@ if TYPE_CHECKING:
     from hapticnet.user_code import UserClass
 
 OPERATORS: Final = (
-    "scripted, palpation[:axes=2], hand:NAME[,KEY=VALUE…], page, trace:FILE[:COLUMN,…], udp:[HOST:]PORT[,axes=N],"
-    " haply[:HOST:PORT][,KEY=VALUE…], FILE.py:CLASS[:KEY=VALUE,…] and package.module:CLASS[:KEY=VALUE,…]"
+    "scripted, palpation[:axes=2], hand:NAME[,KEY=VALUE…], page[:axes=N], trace:FILE[:COLUMN,…],"
+    " udp:[HOST:]PORT[,axes=N], haply[:HOST:PORT][,KEY=VALUE…], FILE.py:CLASS[:KEY=VALUE,…] and"
+    " package.module:CLASS[:KEY=VALUE,…]"
 )
 
 
@@ -49,7 +50,7 @@ def make_operator(
 
     from hapticnet.operator.base import UserOperator
     from hapticnet.operator.haply import is_haply
-    from hapticnet.operator.live import LiveHand
+    from hapticnet.operator.live import LiveHand, LiveHandSettings
     from hapticnet.operator.scripted import InsertionSettings, ScriptedOperator
     from hapticnet.operator.trace import load_trace
     from hapticnet.operator.yielding import is_hand, parse_hand
@@ -66,8 +67,8 @@ def make_operator(
         return replace(made, operator=wanted.holding(made.operator))
     if is_haply(spec):
         return _haply(spec, say, warn)
-    if spec == "page":
-        return Hand(LiveHand())
+    if kind == "page":
+        return Hand(LiveHand(LiveHandSettings(axes=int(rest[-1:] or 1))))
     if spec == "scripted":
         return Hand(ScriptedOperator(InsertionSettings(insertions=insertions), np.random.default_rng([seed, 3])))
     if kind == "palpation":
@@ -108,11 +109,13 @@ def check_operator(spec: str) -> "UserClass | None":
         parse_host_port(parse_haply(spec)[0])
         return None
     kind, _, rest = spec.partition(":")
+    if kind == "page" and rest not in ("", "axes=1", "axes=2", "axes=3"):
+        raise SettingsError(f"operator {spec!r}: expected page, page:axes=2 or page:axes=3")
     if kind == "palpation" and rest not in ("", "axes=2", "axes=3"):
         raise SettingsError(f"operator {spec!r}: expected palpation, palpation:axes=2 or palpation:axes=3")
     if kind == "udp" and rest:
         _remote_address(spec)
-    elif not (spec in ("page", "scripted") or kind == "palpation" or (kind == "trace" and rest)):
+    elif not (spec == "scripted" or kind in ("page", "palpation") or (kind == "trace" and rest)):
         found = find_user_class(spec, "operator")
         if found is None:
             names = "scripted", "palpation", "hand", "page", "trace", "udp", "haply"

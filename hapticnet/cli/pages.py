@@ -80,7 +80,7 @@ class ServedPage:
 
 def choose_operator(operator: str | None, page: str | None, console: "Console") -> tuple[str, ServedPage | None]:
     """Return the source of positions and the server of the page, if any; raise like `listen_for`."""
-    if page is None and operator != "page":
+    if page is None and (operator or "").partition(":")[0] != "page":
         return operator or "scripted", None
     sock, access = listen_for(page, ("operator", "watch"), console)
     say_addresses({PAGE: "watch", "operator view, the scene only: ": "operator"}, access, console)

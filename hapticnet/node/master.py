@@ -36,9 +36,11 @@ from hapticnet.protocol.states import (
     MasterEvent,
     MasterState,
     Noticed,
+    ShapesArrived,
     VibrationArrived,
 )
 from hapticnet.samples import Vector, checked_vector
+from hapticnet.scene.shapes import Shape, unpack_shapes
 
 
 class MasterNode:
@@ -61,6 +63,7 @@ class MasterNode:
         self.axes = operator.axes
         self._operator = operator
         self.times = StepTimes(clock)  # the times of steps of operator, device and a user's codec
+        self.shapes: dict[int, Shape] = {}  # how the scene looks, as far as it is known, by place
         self.notices: dict[Code, str] = {}  # notices of slaves about the sessions, the newest of each code
         # time [µs] between two positions, as the slave has granted it; each is sent in the tick nearest to its time
         self.position_period_us = round(1e6 / settings.rate_hz)
@@ -418,8 +421,18 @@ class MasterNode:
         if isinstance(event, HoldConfirmed):
             self._applied.confirm(event, now_us)
             return
+        if isinstance(event, ShapesArrived):
+            try:
+                count, shapes = unpack_shapes(event.payload)
+            except PeerError:
+                self.session.payload_was_malformed()
+            else:
+                self.shapes = {place: each for place, each in (self.shapes | shapes).items() if place < count}
+            return
         self._events.append(event)
         if isinstance(event, Connected):
+            if not event.grant.resumed:
+                self.shapes = {}
             self._begin(event.grant, now_us)
         elif isinstance(event, Noticed):
             self.notices[event.code] = event.reason

@@ -34,6 +34,8 @@ NOTICES_AT_ONCE: Final = 20
 NOTICE_EVERY_US: Final = 2_000_000  # least time [µs] between two such notices to a master; a datagram may be lost
 STOPPING: Final = "this slave is about to stop: end soon, or go on elsewhere"
 
+_ALSO_FROM_MASTERS: Final = frozenset((Kind.CLOSE, Kind.NOTICE))
+
 REPORTS_KEPT: Final = 1000  # most reports kept of ended sessions: one or two megabytes, so that memory is bounded
 
 
@@ -118,6 +120,8 @@ class SlaveNode:
             except SceneFailedError as failure:
                 if context.session.state is SlaveState.OPEN:
                     self._end(context, str(failure), now_us, code=Code.FAILED)
+            if context.session.state is SlaveState.OPEN and (notice := context.look(now_us)) is not None:
+                self._outbox.append((notice, context.address))  # it goes with the next force
         self._to_account.clear()
 
     def tick(self, now_us: int) -> None:
@@ -236,7 +240,7 @@ class SlaveNode:
             if (
                 datagram.version != session.version
                 or (context.address != address and session.seal is None)
-                or (datagram.kind is not Kind.POSITION and datagram.kind is not Kind.CLOSE)  # masters never send these
+                or (datagram.kind is not Kind.POSITION and datagram.kind not in _ALSO_FROM_MASTERS)
             ):
                 self._receive_stray(datagram, len(data), address)
                 return

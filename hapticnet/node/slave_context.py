@@ -21,11 +21,12 @@ from hapticnet.node.settings import SlaveSettings
 from hapticnet.node.step_times import NOT_TIMED, StepTime, StepTimes
 from hapticnet.node.vibration import VibrationSender
 from hapticnet.parts import law_numbers, parts_of
-from hapticnet.protocol.messages import Grant
+from hapticnet.protocol.messages import Code, Grant
 from hapticnet.protocol.slave_session import SlaveSession
 from hapticnet.protocol.wire import Datagram, Kind
 from hapticnet.samples import PositionSample, Vector, checked_vector, new_tuple
-from hapticnet.scene.base import Touchable, bound_method, breaches_of, vibration_method
+from hapticnet.scene.base import Touchable, bound_method, breaches_of, shapes_method, vibration_method
+from hapticnet.scene.shapes import ShapeFeed
 from hapticnet.user_code import report_of
 from hapticnet.vectors import along
 
@@ -121,6 +122,8 @@ class SlaveContext:
         self._master_state: int | None = None  # layers of the model pierced at the master
         self._zero_n = (0.0,) * scene.axes
         self._error = running_error(codec.law)
+        shapes = shapes_method(scene)
+        self._looks = None if shapes is None else ShapeFeed(shapes)
 
     @property
     def feedback(self) -> Feedback:
@@ -339,6 +342,17 @@ class SlaveContext:
             self.recording.add((sample.t_us, *vectors, *sent))
         if self.datagrams is not None and datagram is not None:
             self.datagrams.add((now_us, OUT, frame_kind(datagram), size))
+
+    def look(self, now_us: int) -> bytes | None:
+        """Return a NOTICE with what has changed of how the scene looks, if it is due and the master looks at it."""
+        if self._looks is None or not self.session.is_looked_at(now_us):
+            return None
+        try:
+            shapes = self._looks.due(now_us)
+        except Exception as error:  # a user's scene may raise anything; its forces are still served
+            self._looks = None
+            return self.session.notice(f"the scene is not drawn: {in_words(error)}", now_us, Code.SHAPES)
+        return None if shapes is None else self.session.notice("", now_us, Code.SHAPES, shapes)
 
     @property
     def slow(self) -> StepTime | None:

@@ -3,7 +3,7 @@
 A pointer moves in steps, about 60 a second. Sent unchanged, the steps would be felt as a vibration:
 at 40 mm/s in a tissue of 500 N/m, 0.3 N each. The needle therefore follows the hand like a critically damped
 mass on a spring: x'' = (target − x)/τ² − 2·x'/τ, solved exactly for each tick. It trails a hand that moves at constant
-speed by 2τ and never overshoots.
+speed by 2τ and never overshoots. With several axes, the needle is any tool, and the speed limit is that of its path.
 """
 
 import enum
@@ -11,9 +11,10 @@ import math
 from dataclasses import dataclass
 from typing import Final
 
-from hapticnet.checks import check_parameter
+from hapticnet.checks import axes_of, check_integer, check_parameter
 from hapticnet.errors import SampleError, SettingsError
-from hapticnet.samples import PositionSample
+from hapticnet.samples import MAX_AXES, PositionSample, Vector
+from hapticnet.vectors import along, distance, minus, moved, times
 
 LONGEST_STEP_US: Final = 20_000
 """Longest time [µs] by which one sample advances the needle; after a pause it continues from its last position."""
@@ -35,8 +36,10 @@ class HandState(enum.IntEnum):
 class LiveHandSettings:
     """How the needle follows a hand."""
 
-    rest_m: float = 0.0  # position [m] of the needle while nobody holds the hand
+    axes: int = 1
+    rest_m: float = 0.0  # position [m] of the needle while nobody holds the hand; 0 on further axes
     deepest_m: float = 0.1
+    reach_m: float = 0.05  # how far [m] the hand moves to each side on further axes
     # τ of the follower [µs]; the needle is 2τ late. The default lets 1 % of a 60 Hz staircase through.
     time_constant_us: int = 25_000
     # Largest speed of the needle [m/s]. Faster, the platform of the fingertip device cannot follow the force.
@@ -45,6 +48,8 @@ class LiveHandSettings:
     withdraw_after_us: int = 1_000_000  # silence [µs] after which it is withdrawn and the hand is free
 
     def __post_init__(self) -> None:
+        check_integer("number of axes of the hand", self.axes, 1, MAX_AXES)
+        check_parameter("reach of the hand", self.reach_m, 0.001, 10.0, "m")
         check_parameter("rest position of the hand", self.rest_m, -10.0, 10.0, "m")
         check_parameter("deepest position of the hand", self.deepest_m, self.rest_m, 10.0, "m")
         check_parameter("time constant of the hand", self.time_constant_us, 1_000, 1_000_000, "µs")
@@ -74,14 +79,14 @@ class LiveHand:
 
     def __init__(self, settings: LiveHandSettings | None = None) -> None:
         self.settings = settings = settings or LiveHandSettings()
-        self.axes = 1  # 1: the needle's axis
+        self.axes = settings.axes  # the first is the needle's
         self.duration_us = None
         self.state = HandState.FREE
-        # Smallest and largest position [m]; the smallest is the rest position
+        # Smallest and largest position [m] on the first axis; the smallest is the rest position
         self.range_m = (settings.rest_m, settings.deepest_m)
-        self.position_m = settings.rest_m  # position of the needle [m] at the newest sample
-        self._target_m = settings.rest_m
-        self._velocity_m_per_s = 0.0
+        self.position_m = self._rest_m  # position of the needle [m] at the newest sample
+        self._target_m = self.position_m
+        self._velocity_m_per_s = times(self.position_m, 0.0)
         self._now_us = 0
         self._heard_us = 0
         self._moved = False
@@ -94,7 +99,7 @@ class LiveHand:
         if self.state in (HandState.FREE, HandState.WITHDRAWING):
             self.release()
         else:
-            self._target_m = min(max(self._target_m, rest_m), deepest_m)
+            self._target_m = self._limited(self._target_m)
 
     def restart(self, rest_m: float, deepest_m: float) -> None:
         """Put the needle at rest at once, for a restarted scene, with the range as for `set_range`.
@@ -103,8 +108,8 @@ class LiveHand:
         """
         self.set_range(rest_m, deepest_m)
         self.state = HandState.FREE
-        self.position_m = self._target_m = rest_m
-        self._velocity_m_per_s = 0.0
+        self.position_m = self._target_m = self._rest_m
+        self._velocity_m_per_s = times(self.position_m, 0.0)
         self._now_us = self._heard_us = 0
         self._moved = False
 
@@ -114,19 +119,23 @@ class LiveHand:
         self.state = HandState.LIVE
         self._moved = True
 
-    def move(self, position_m: float) -> None:
-        """Set the hand's position [m], limited to the range, if somebody holds it; SampleError if it is NaN."""
-        if math.isnan(position_m):
-            raise SampleError("the position of the hand is NaN; it must be a number")
+    def move(self, position_m: Vector) -> None:
+        """Set the hand's position [m], limited to the range, if somebody holds it.
+
+        Raise SampleError if a component is NaN, or it has another number of axes.
+        """
+        if len(position_m) != self.axes:
+            raise SampleError(f"the position of the hand has {axes_of(len(position_m))}; it must have {self.axes}")
+        if any(map(math.isnan, position_m)):
+            raise SampleError("the position of the hand has NaN; each component must be a number")
         if self.state is HandState.LIVE or self.state is HandState.HOLDING:
-            lowest_m, highest_m = self.range_m
-            self._target_m = min(max(position_m, lowest_m), highest_m)
+            self._target_m = self._limited(position_m)
             self.state = HandState.LIVE
             self._moved = True
 
     def release(self) -> None:
         """Withdraw the needle to its rest position, and free the hand."""
-        self._target_m = self.range_m[0]
+        self._target_m = self._rest_m
         self.state = HandState.WITHDRAWING
 
     def sample(self, t_us: int) -> PositionSample:
@@ -140,7 +149,7 @@ class LiveHand:
             elif self.state is not HandState.WITHDRAWING:
                 self._watch(t_us - self._heard_us)
             self._follow(elapsed_us * 1e-6)
-        return PositionSample(t_us, (self.position_m,))
+        return PositionSample(t_us, self.position_m)
 
     def _watch(self, silent_us: int) -> None:
         """Hold, and later withdraw, if the person has been silent for long enough."""
@@ -150,24 +159,35 @@ class LiveHand:
             self._target_m = self._stop_m()
             self.state = HandState.HOLDING
 
-    def _stop_m(self) -> float:
-        """Return the nearest position [m] at which the needle can stop without coming back."""
+    @property
+    def _rest_m(self) -> Vector:
+        return (self.range_m[0], *(0.0,) * (self.axes - 1))
+
+    def _limited(self, position_m: Vector) -> Vector:
+        """Return the nearest position [m] in the range."""
         lowest_m, highest_m = self.range_m
-        stop_m = self.position_m + self._velocity_m_per_s * self.settings.time_constant_us * 1e-6
-        return min(max(stop_m, lowest_m), highest_m)
+        reach_m = self.settings.reach_m
+        return (
+            min(max(position_m[0], lowest_m), highest_m),
+            *[min(max(each, -reach_m), reach_m) for each in position_m[1:]],
+        )
+
+    def _stop_m(self) -> Vector:
+        """Return the nearest position [m] at which the needle can stop without coming back."""
+        return self._limited(along(self.position_m, self.settings.time_constant_us * 1e-6, self._velocity_m_per_s))
 
     def _follow(self, elapsed_s: float) -> None:
         rate_per_s = 1e6 / self.settings.time_constant_us
         fastest_m_per_s = self.settings.speed_m_per_s
-        away_m = self.position_m - self._target_m
-        drive_m_per_s = self._velocity_m_per_s + rate_per_s * away_m
+        away_m = minus(self.position_m, self._target_m)
+        drive_m_per_s = along(self._velocity_m_per_s, rate_per_s, away_m)
         decay = math.exp(-rate_per_s * elapsed_s)
-        step_m = (away_m + drive_m_per_s * elapsed_s) * decay - away_m
-        velocity_m_per_s = (self._velocity_m_per_s - rate_per_s * drive_m_per_s * elapsed_s) * decay
-        longest_m = fastest_m_per_s * elapsed_s
-        self.position_m += min(max(step_m, -longest_m), longest_m)
-        self._velocity_m_per_s = min(max(velocity_m_per_s, -fastest_m_per_s), fastest_m_per_s)
-        if self.state is HandState.WITHDRAWING and abs(self.position_m - self._target_m) < AT_REST_M:
+        step_m = minus(times(along(away_m, elapsed_s, drive_m_per_s), decay), away_m)
+        velocity_m_per_s = times(along(self._velocity_m_per_s, -rate_per_s * elapsed_s, drive_m_per_s), decay)
+        zero = times(away_m, 0.0)
+        self.position_m = moved(self.position_m, step_m, fastest_m_per_s * elapsed_s)
+        self._velocity_m_per_s = moved(zero, velocity_m_per_s, fastest_m_per_s)
+        if self.state is HandState.WITHDRAWING and distance(self.position_m, self._target_m) < AT_REST_M:
             self.position_m = self._target_m
-            self._velocity_m_per_s = 0.0
+            self._velocity_m_per_s = zero
             self.state = HandState.FREE

@@ -38,6 +38,7 @@ from hapticnet.protocol.states import (
     Noticed,
     Refused,
     SessionLost,
+    ShapesArrived,
     Trigger,
     VibrationArrived,
 )
@@ -62,6 +63,7 @@ class MasterSession:
         self.state = MasterState.CONNECTING
         self.sent = Traffic()
         self.received = Traffic()
+        self.drawing = Traffic()  # those of `received` that only show how the scene looks
         self.round_trip = Distribution()
         self.idle = False
         self._settings = settings
@@ -118,6 +120,11 @@ class MasterSession:
         stream = self._used
         self._send(stream, _POSITION, stream.body_of_position(t_us, payload))
         return True
+
+    def ask_for_shapes(self) -> None:
+        """Ask how the scene looks; to be repeated about once a second, as long as somebody looks at it."""
+        if self.streaming:
+            self._send(self._used, Kind.NOTICE, pack_body(("", Code.SHAPES)))
 
     def change(self, request: Request) -> None:
         """Ask for a session with another request, which continues the scene; until then the present one continues."""
@@ -252,7 +259,11 @@ class MasterSession:
             notice = unpack_notice(body)
             self.received.add(kind, size)
             arrival = self._arrive(stream, datagram.sequence)
-            if arrival in (Arrival.NEW, Arrival.LATE) and notice.code not in self._noticed:
+            if notice.shapes is not None:
+                self.drawing.add(kind, size)
+                if arrival is Arrival.NEW:  # what is late shows how the scene looked before
+                    self.events.append(ShapesArrived(notice.shapes))
+            elif arrival in (Arrival.NEW, Arrival.LATE) and notice.code not in self._noticed:
                 self._noticed.add(notice.code)
                 self.events.append(Noticed(notice.reason, notice.code))
         else:

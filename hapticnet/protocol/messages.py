@@ -79,6 +79,7 @@ class Code(enum.IntEnum):
     KEY = 7
     STOPPING = 8
     SLOW = 9
+    SHAPES = 10
 
     @classmethod
     def _missing_(cls, value: object) -> "Code":  # noqa: ARG003 - the signature is the enum module's
@@ -230,10 +231,11 @@ class Close(NamedTuple):
 
 
 class Notice(NamedTuple):
-    """Slave to master: a notice for the person there; the session continues."""
+    """Either way: a notice for the person at the master, how the scene looks, or the wish to know that."""
 
     reason: str
     code: Code
+    shapes: bytes | None = None
 
 
 def pack_hello(hello: Hello, sequence: int, version: int = OPEN) -> bytes:
@@ -439,7 +441,9 @@ def unpack_close(body: bytes) -> Close:
 
 def unpack_notice(body: bytes) -> Notice:
     """Return the NOTICE in a body; raise PeerError if it is invalid."""
-    return Notice(*_reason_and_code(body))
+    *_, shapes = (*unpack_body(body, 2, optional=1), None)[:3]
+    _require(shapes is None or type(shapes) is bytes, "shapes", shapes)
+    return Notice(*_reason_and_code(body), shapes)
 
 
 def clipped(text: str, limit: int) -> str:

@@ -16,7 +16,9 @@ from hapticnet.protocol.messages import (
     Welcome,
     clipped,
     pack_answer,
+    pack_contents,
     unpack_close,
+    unpack_notice,
     unpack_position,
 )
 from hapticnet.protocol.repair import Repair
@@ -28,6 +30,7 @@ from hapticnet.protocol.wire import OPEN, SEALED, Datagram, Kind, distance, pack
 from hapticnet.samples import Vector
 
 Place = TypeVar("Place")  # content of a position's payload
+LOOKED_AT_US: Final = 3_000_000  # after this time [µs] without asking, a master looks at the scene no longer
 POLICED_SHARE: Final = 1.2  # positions a second that are served, over the granted rate: allowance for differing clocks
 POLICED_BURST_S: Final = 1.0
 """Positions that a network may hold back and deliver at once, in seconds of the granted rate."""
@@ -69,6 +72,7 @@ class SlaveSession:
         self._sent_since: int | None = None  # the first datagram with it
         self._position_t_us = request.clock_us
         self.heard_us = now_us
+        self._looked_at_us: int | None = None
         self.repair = Repair(settings, request.law(), now_us, sparse=sparse)
         self.round_trip = RoundTrip()
         self._policed = TokenBucket(POLICED_SHARE * rate_hz, max(32.0, POLICED_BURST_S * rate_hz))
@@ -131,6 +135,11 @@ class SlaveSession:
             self.received.add(datagram.kind, len(data))
             if self.received.arrive(datagram.sequence) is Arrival.NEW:
                 self.end(Trigger.PEER_CLOSED, f"the master closed: {close.reason}")
+        elif datagram.kind is Kind.NOTICE:
+            notice = unpack_notice(body)
+            self.received.add(datagram.kind, len(data))
+            if self.received.arrive(datagram.sequence) is Arrival.NEW and notice.code is Code.SHAPES:
+                self._looked_at_us = now_us
         else:
             self.received.add(datagram.kind, len(data))
             self.received.stray += 1
@@ -173,9 +182,13 @@ class SlaveSession:
         """Return a CLOSE."""
         return self._datagram(Kind.CLOSE, Close(clipped(reason, REASON_BYTES), code), now_us)
 
-    def notice(self, reason: str, now_us: int, code: Code) -> bytes:
+    def notice(self, reason: str, now_us: int, code: Code, shapes: bytes | None = None) -> bytes:
         """Return a NOTICE."""
-        return self._datagram(Kind.NOTICE, Notice(clipped(reason, REASON_BYTES), code), now_us)
+        return self._datagram(Kind.NOTICE, Notice(clipped(reason, REASON_BYTES), code, shapes), now_us)
+
+    def is_looked_at(self, now_us: int) -> bool:
+        """Return whether the master has asked lately how the scene looks."""
+        return self._looked_at_us is not None and 0 <= now_us - self._looked_at_us < LOOKED_AT_US
 
     def silent_us(self, now_us: int) -> int:
         """Return the time since the last arrival [µs]."""
@@ -200,7 +213,7 @@ class SlaveSession:
 
     def _datagram(self, kind: Kind, message: Force | Keepalive | Vibration | Close | Notice, now_us: int) -> bytes:
         if isinstance(message, Close | Notice):
-            body = pack_body(message)
+            body = pack_contents(message)
         elif isinstance(message, Vibration):
             body = pack_answer(message)
         else:

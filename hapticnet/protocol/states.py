@@ -182,6 +182,13 @@ class Noticed:
     code: Code
 
 
+@dataclass(frozen=True, slots=True)
+class ShapesArrived:
+    """What the slave sent of how the scene looks."""
+
+    payload: bytes
+
+
 MasterEvent: TypeAlias = (
     Connected
     | ForceArrived
@@ -195,5 +202,6 @@ MasterEvent: TypeAlias = (
     | ChangeRefused
     | Hinted
     | Noticed
+    | ShapesArrived
     | Ended
 )

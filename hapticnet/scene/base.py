@@ -8,6 +8,7 @@ from hapticnet.errors import SettingsError, UserCodeError
 from hapticnet.parts import Parts, declared
 from hapticnet.samples import ForceSample, PositionSample
 from hapticnet.scene.ahead import LookAhead
+from hapticnet.scene.shapes import Shapes
 from hapticnet.stiffness_bound import StiffnessBound
 from hapticnet.user_code import attribute_of, failure, method_of, raised, report_of, short, vector_from
 
@@ -34,6 +35,9 @@ class Touchable(Protocol):
     If it has a method ``vibration(start_us, samples, rate_hz)``, that returns as many accelerations [m/s²] of one axis
     at that rate, the first at the time `start_us` of ``step``, or None if nothing vibrates. It is called about a
     hundred times a second, after a step at or behind the end of that time, and never on copies.
+
+    If it has a method ``shapes()``, that returns how the scene looks now: a sequence of `scene.shapes.Shape`, always in
+    the same order. A slave calls it 30 times a second while a page is open, after a force is sent.
 
     A real object without copies may have an attribute ``moves_ahead_n``: it may be stepped at positions where the hand
     is expected, while the round trip is short (`node.hand_predictor.LONGEST_LEAD_US`) and the force is below this many
@@ -86,6 +90,12 @@ def copy_method(scene: Touchable) -> Callable[[], Touchable] | None:
     return copy
 
 
+def shapes_method(scene: Touchable) -> Shapes | None:
+    """Return the method ``shapes`` of a scene; None if it does not say how it looks."""
+    shapes: Shapes | None = getattr(scene, "shapes", None)
+    return shapes
+
+
 def lead_limit_n(scene: Touchable) -> float:
     """Return the force [N] up to which a scene may be stepped where the hand is expected; 0 if it must not be."""
     return float(getattr(scene, "moves_ahead_n", 0.0))
@@ -118,9 +128,9 @@ class UserScene:
     Its ``step(sample)`` is called with a `PositionSample` and returns a `ForceSample`, a number, or a sequence of
     numbers, one for each axis [N]. Optional attributes: ``axes`` (1 to 3; default 1) or ``parts``, such as
     ``("force:3", "torque:3", "grip:1")``; ``name``, ``breaches`` and ``moves_ahead_n``; optional methods:
-    ``welcome(master)``, ``next_line()``, ``report()``, ``ahead()``, ``stiffness_bound()``, ``copy()`` and
-    ``vibration(start_us, samples, rate_hz)``. `what` names the object in messages, such as "scene own.py:Mine". Raise
-    SettingsError if ``step`` cannot be called with one argument, or an attribute cannot be used.
+    ``welcome(master)``, ``next_line()``, ``report()``, ``ahead()``, ``stiffness_bound()``, ``copy()``,
+    ``vibration(start_us, samples, rate_hz)`` and ``shapes()``. `what` names the object in messages, such as "scene
+    own.py:Mine". Raise SettingsError if ``step`` cannot be called with one argument, or an attribute cannot be used.
     """
 
     __slots__ = (
@@ -134,6 +144,7 @@ class UserScene:
         "name",
         "next_line",
         "parts",
+        "shapes",
         "stiffness_bound",
         "touched",
         "vibration",
@@ -155,6 +166,7 @@ class UserScene:
         self.next_line: Callable[[], str | None] | None = self._optional("next_line")
         self.stiffness_bound: Callable[[], StiffnessBound | None] | None = self._optional("stiffness_bound")
         self.vibration: Vibrate | None = self._optional("vibration")
+        self.shapes: Shapes | None = self._optional("shapes")
         moves_ahead_n = attribute_of(touched, "moves_ahead_n", 0.0, what)
         is_number = isinstance(moves_ahead_n, int | float) and type(moves_ahead_n) is not bool
         if not is_number or not 0.0 <= moves_ahead_n < math.inf:

@@ -33,6 +33,7 @@ from hapticnet.scene.settings import (
     Plane,
     Sphere,
 )
+from hapticnet.scene.shapes import Shape
 from hapticnet.scene.vibration import LONGEST_STROKE_US, Texture, Vibrations
 from hapticnet.vectors import along, distance, dot, magnitude, minus, moved, over, plus, times
 
@@ -309,6 +310,15 @@ class BodyScene:
     def depths_m(self) -> tuple[float, ...]:
         """Return how deep [m] the tool is in each body; negative outside."""
         return tuple(touch.depth_m for touch in self._touches)
+
+    def shapes(self) -> tuple[Shape, ...]:
+        """Return how the bodies look."""
+        return tuple(
+            Shape("plane", body.point_m, along=body.inward)
+            if isinstance(body, Plane)
+            else Shape("sphere", body.centre_m, (body.radius_m,))
+            for body in self.bodies
+        )
 
     def ahead(self) -> tuple[LayerAhead, ...]:
         """Return the bodies within `REACH_M` of the tool as planes, the nearest first. Friction is not announced."""

@@ -5,10 +5,12 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
 from typing import Any, ClassVar, Final
 
+from hapticnet.checks import axes_of
 from hapticnet.errors import PeerError
 from hapticnet.node.events import NodeEvent
 from hapticnet.operator.live import HandState, LiveHand
 from hapticnet.runtime.watching import Watcher
+from hapticnet.samples import Vector
 from hapticnet.web import messages
 from hapticnet.web.client import Client
 from hapticnet.web.messages import CloseCode, Hand, MistakeError, Order, Reader, View
@@ -41,6 +43,8 @@ class Seat:
 
     def move(self, client: Client, hand: Hand) -> None:
         """Move the hand, if this page holds it. Otherwise it has just lost it, which is not a mistake."""
+        if self._hand is not None and len(hand.position_m) != self._hand.axes:
+            raise MistakeError(f"the hand has {axes_of(len(hand.position_m))}; in this run it has {self._hand.axes}")
         client.heard = hand
         if self._hand is not None and client is self.holder:
             self._hand.move(hand.position_m)
@@ -188,12 +192,16 @@ class Audience(Watcher[NodeEvent], ABC):
             self._told[client] = told
             client.post(messages.text("hand", holder=who, state=self.seat.state.name.lower()))
 
-    def _send_frames(self, tip_m: float, mirror: Mirror | None) -> None:
+    def _send_frames(self, tip_m: Vector, mirror: Mirror | None, force_n: Vector = ()) -> None:
         surfaces_m, contacts = ((), ()) if mirror is None else (mirror.scene.surfaces_m(), mirror.scene.contacts())
+        further = tip_m[1:]
         for client in self.clients:
             self._tell_hand(client)
             time_ms = 0.0 if client.heard is None else client.heard.time_ms
-            client.post_replaceable(messages.frame(self.seat.state, self._frames, time_ms, tip_m, surfaces_m, contacts))
+            seen = (*further, *force_n) if further and client.view == "watch" else further
+            client.post_replaceable(
+                messages.frame(self.seat.state, self._frames, time_ms, tip_m[0], surfaces_m, contacts, seen)
+            )
 
     def _count_mistake(self, client: Client, text: str) -> None:
         client.mistakes += 1

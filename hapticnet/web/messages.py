@@ -18,7 +18,8 @@ From the server, binary, `MESSAGES_PER_S` times a second
 ``FRAME``, to both views, the scene now: u8 1; u8 state of the hand; u16 number n of surfaces, 0 while the scene is not
 known; u32 number of the frame, in which a gap shows that frames were left out; f64 ``time_ms`` of this page's newest
 HAND, or 0; f32 position of the needle's tip; n × f32 position of each surface, front to back, which follows the tip
-while the tissue is indented; n × u8 contact with each tissue.
+while the tissue is indented; n × u8 contact with each tissue. With several axes n is 0, and f32 position of the tool
+on each further axis follows; to the watch view then f32 held force [N] on each axis.
 
 ``SAMPLES``, to the watch view, each tick since the last message: u8 2; u8 number c of columns; u16 number r of rows;
 u32 number of the first row modulo 2³², in which a gap shows that messages were left out because the page reads too
@@ -52,7 +53,10 @@ To both views, after the hello and when they change::
               "delay_ms": 50,         // how far the needle trails a steadily moving hand
               "repeat_ms": 100}}      // longest pause between HAND messages while the page has the hand
     {"type": "scene", "known": true, "range_m": [0.0, 0.085],                      // where the needle can be
-     "tissues": [{"rest_m": 0.02}, …]}                                             // front to back; empty if not known
+     "tissues": [{"rest_m": 0.02}, …],                                             // front to back; empty if not known
+     "axes": 1, "reach_m": 0.05}                                                   // on further axes, to each side
+    {"type": "shapes", "count": 2,          // how the scene looks, if it says so: number of shapes, and those that are
+     "changed": {"0": ["sphere", [0.034, 0, 0], [0.012, 0, 0], [1, 0, 0], [0, 1, 0]]}}  // new: see `scene.shapes.Shape`
     {"type": "hand", "holder": "you" | "another" | "nobody", "state": "free" | "live" | "holding" | "withdrawing"}
     {"type": "ready", "ready": true}  // whether a slave's scene can be touched; a change of codec does not change this
     {"type": "error", "message": "delay_ms is 900; it must be between 0 and 250"}  // its message was refused
@@ -80,10 +84,11 @@ A page of another package (`audience.Audience.further`) may have further message
 
 From the page
 -------------
-``HAND``, `HAND_BYTES` bytes, while the page has the hand, for each motion, at most `HANDS_PER_S` a second, and again
-every ``repeat_ms``: u8 1; u8 0; u16 0; f32 position wanted of the needle's tip, which the server limits to ``range_m``
-and in speed; f64 ``time_ms``, the motion's ``event.timeStamp``, which FRAME returns. If none comes for `HOLD_AFTER_US`,
-the needle stops; after `WITHDRAW_AFTER_US`, and when the socket closes, it is withdrawn and the hand is free.
+``HAND``, `HAND_BYTES` bytes and 4 for each further axis, while the page has the hand, for each motion, at most
+`HANDS_PER_S` a second, and again every ``repeat_ms``: u8 1; u8 0; u16 0; f32 position wanted of the needle's tip, which
+the server limits to ``range_m`` and in speed; f64 ``time_ms``, the motion's ``event.timeStamp``, which FRAME returns;
+f32 for each further axis. If none comes for `HOLD_AFTER_US`, the needle stops; after `WITHDRAW_AFTER_US`, and when the
+socket closes, it is withdrawn and the hand is free.
 
 ==========================================  =========================================================================
 ``{"type": "take"}``                        take the hand; refused with ``error`` while another page has it
@@ -107,7 +112,8 @@ from typing import Any, Final, Literal, NamedTuple, TypeAlias, get_args
 from hapticnet.arrays import FloatArray
 from hapticnet.errors import PeerError
 from hapticnet.operator.live import HandState
-from hapticnet.samples import LARGEST_COMPONENT
+from hapticnet.samples import MAX_AXES, Vector
+from hapticnet.vectors import in_range
 
 VERSION: Final = 1
 View: TypeAlias = Literal["operator", "watch"]
@@ -144,12 +150,18 @@ class CloseCode(enum.IntEnum):
 
 
 def frame(
-    state: HandState, number: int, time_ms: float, tip_m: float, surfaces_m: Sequence[float], contacts: Sequence[int]
+    state: HandState,
+    number: int,
+    time_ms: float,
+    tip_m: float,
+    surfaces_m: Sequence[float],
+    contacts: Sequence[int],
+    further: Sequence[float] = (),
 ) -> bytes:
-    """Return a FRAME message."""
+    """Return a FRAME message; `further`: what follows with several axes."""
     count = len(surfaces_m)
     head = _FRAME_HEAD.pack(FRAME, state, count, number & 0xFFFFFFFF, time_ms, tip_m)
-    return head + struct.pack(f"<{count}f{count}B", *surfaces_m, *contacts)
+    return head + struct.pack(f"<{count}f{count}B{len(further)}f", *surfaces_m, *contacts, *further)
 
 
 def samples(first_row: int, start_s: float, columns: FloatArray) -> bytes:
@@ -176,7 +188,7 @@ class MistakeError(PeerError):
 class Hand(NamedTuple):
     """A position of the hand from a page."""
 
-    position_m: float
+    position_m: Vector
     time_ms: float
 
 
@@ -210,13 +222,15 @@ LIMITS: Final[dict[str, tuple[float, float]]] = {  # ranges of the settings that
 
 def parse_binary(data: bytes) -> Hand:
     """Return the HAND message in `data`; raise MistakeError if it is invalid, or its numbers are not finite."""
-    if len(data) != HAND_BYTES or data[0] != HAND:
+    further = (len(data) - HAND_BYTES) // 4
+    if not 0 <= further < MAX_AXES or (len(data) - HAND_BYTES) % 4 or data[0] != HAND:
         kind = data[0] if data else "none"
         raise MistakeError(
-            f"binary message of {len(data)} bytes and kind {kind}; expected {HAND_BYTES} and kind {HAND}"
+            f"binary message of {len(data)} bytes and kind {kind}; expected {HAND_BYTES} for one axis, and kind {HAND}"
         )
-    _, _, _, position_m, time_ms = _HAND.unpack(data)
-    if not abs(position_m) <= LARGEST_COMPONENT or not math.isfinite(time_ms):
+    _, _, _, first_m, time_ms = _HAND.unpack_from(data)
+    position_m = (first_m, *struct.unpack_from(f"<{further}f", data, HAND_BYTES))
+    if not in_range(position_m) or not math.isfinite(time_ms):
         raise MistakeError(f"the hand is at {position_m} m at {time_ms} ms; both must be finite")
     return Hand(position_m, time_ms)
 

@@ -1,7 +1,7 @@
 """The live page beside a master: records each tick, and updates every connected page."""
 
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, Any, Final
 
@@ -12,6 +12,7 @@ from hapticnet.node.master import MasterNode
 from hapticnet.operator.live import LiveHand
 from hapticnet.protocol.states import Connected
 from hapticnet.runtime.system import now_us
+from hapticnet.scene.shapes import Shape
 from hapticnet.web import messages
 from hapticnet.web.audience import Audience, hello
 from hapticnet.web.controls import Controls
@@ -24,6 +25,7 @@ if TYPE_CHECKING:
     from hapticnet.web.client import Client
 
 NOT_READY_AFTER_US: Final = 1_000_000  # wait before pages learn of a lost session; a change of codec is faster
+ASK_EVERY_US: Final = 1_000_000  # how often [µs] to ask how the scene looks, while there is a page
 WARN_EVERY_US: Final = 10_000_000
 MOST_SAMPLES: Final = 2_800  # of vibration, that wait for the next message: those of a second
 SWINGS: Final = (
@@ -62,6 +64,8 @@ class Page(Audience):
         self._port = SwingWatch() if watches else None
         self._warned_us = -WARN_EVERY_US
         self._mirror: Mirror | None = None  # the copy of the slave's scene; None while it is not known
+        self._asked_us = -ASK_EVERY_US
+        self._drawn: dict[int, Shape] = {}  # the shapes that pages have
         self._events: deque[str] = deque(maxlen=messages.EVENTS_KEPT)
         self._vibration: list[float] = []  # played since the last message
         self._connections = 0
@@ -75,6 +79,7 @@ class Page(Audience):
             return
         if isinstance(event, Connected):
             self._connections += 1
+            self._asked_us = -ASK_EVERY_US  # the new session has not been asked yet
             self._flush()  # earlier rows belong to the previous scene
             if self._follow_scene(event.grant.scene, is_new=not event.grant.resumed):
                 for client in self.clients:
@@ -100,6 +105,8 @@ class Page(Audience):
     def _greet(self, client: "Client") -> None:
         client.post(self._hello(client.view))
         client.post(self._scene(client.view))
+        if self._node.shapes:
+            client.post(self._shapes({}))
         client.post(messages.text("ready", ready=self._is_ready))
         self._tell_hand(client)
         if client.view == "watch":
@@ -151,9 +158,14 @@ class Page(Audience):
         self._flush()
         if self._frames % FRAMES_PER_STATE == 0:
             self._tell_watchers(self._state(), is_replaceable=True)
-        position_m = self._node.position_m
-        tip_m = self._range_m[0] if position_m is None else position_m[0]
-        self._send_frames(tip_m, self._mirror)
+        if self.clients and self._mirror is None and not 0 <= now_us() - self._asked_us < ASK_EVERY_US:
+            self._asked_us = now_us()
+            self._node.session.ask_for_shapes()
+        if self._drawn != self._node.shapes:
+            self._tell_all(self._shapes(self._drawn))
+            self._drawn = self._node.shapes
+        rest_m = (self._range_m[0], *(0.0,) * (self._node.axes - 1))
+        self._send_frames(self._node.position_m or rest_m, self._mirror, self._node.held_n)
 
     def _flush(self) -> None:
         """Send the ticks since the last call to the watch views."""
@@ -249,11 +261,19 @@ class Page(Audience):
         tissues = self._mirror.settings.tissues if self._mirror is not None else ()
         shown: list[dict[str, Any]] = [{"rest_m": tissue.rest_position_m} for tissue in tissues]
         content: dict[str, Any] = {"known": self._mirror is not None, "range_m": self._range_m, "tissues": shown}
+        content |= {"axes": self._node.axes, "reach_m": (self._settings.hand or LiveHand()).settings.reach_m}
         if view == "watch":  # the operator view cannot show what it does not get
             content["name"] = self._node.scene_name
             for about, tissue in zip(shown, tissues, strict=True):
                 about |= {key: getattr(tissue, key) for key in ("name", "stiffness_n_per_m", "breach_force_n")}
         return messages.text("scene", **content)
+
+    def _shapes(self, known: Mapping[int, Shape]) -> str:
+        """Return how the scene looks, for pages that know some of it."""
+        now = self._node.shapes
+        return messages.text(
+            "shapes", count=len(now), changed={place: each for place, each in now.items() if known.get(place) != each}
+        )
 
     def _seconds(self, at_us: int) -> float:
         return round(1e-6 * (at_us - self._start_us), 3)

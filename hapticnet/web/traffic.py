@@ -98,7 +98,9 @@ class TrafficMeter:
         self._raw_positions = positions
         self._raw_bytes += max(new, 0) * size
         sent = session.sent.packets, session.sent.wire_bytes
-        return (session.received.packets, session.received.wire_bytes, positions, self._raw_bytes, *sent, *sent)
+        back, drawing = session.received, session.drawing
+        packets, wire_bytes = back.packets - drawing.packets, back.wire_bytes - drawing.wire_bytes
+        return (packets, wire_bytes, positions, self._raw_bytes, *sent, *sent)
 
 
 def _direction(rates: Sequence[float], totals: Sequence[float]) -> dict[str, Any]:

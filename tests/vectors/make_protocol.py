@@ -5,6 +5,7 @@ alone and imports nothing of hapticnet, so that the file says what docs/refer/pr
 """
 
 import json
+import struct
 from pathlib import Path
 
 import msgpack
@@ -57,6 +58,7 @@ ONE_NEWTON, DOUBLE, THREE_AXES = number("3f800000"), number("3fb999999999999a"),
 LOST = "0.021 m; KEEPALIVE 2 confirmed FORCE 1; 10 % are lost, and after 80 % of these the next one, too"
 MOVING = "0.021 m, moving at 0.1 m/s: float32, float16"
 BENT = "the same, and faster by 2 m/s², which dies out: another float16"
+BALL = struct.pack(">BBB12f", 2, 1, 1, 0.034, 0.004, 0.0, 0.012, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0, 0.0)
 BETWEEN = "1 N; 200 N/m, which grow by 64 N/m per N, and no damping between 0.02 and 0.03 m"
 UNKNOWN = "the scene cannot tell: every position is needed"
 AFTER_IT = number("00243850"), number("10478ac71b92")
@@ -97,6 +99,8 @@ IN_SESSION = [
     ("vibration during loss", "and the frame before it again", VIBRATION, 8, [50_000, *AFTER_IT]),
     ("close", "", CLOSE, 70_000, ["done", 0]),
     ("notice", "the session goes on", NOTICE, 70_000, ["this slave is about to stop", 8]),
+    ("notice that asks how the scene looks", "by the master", NOTICE, 7, ["", 10]),
+    ("notice of a shape", "the second of two is a sphere of 12 mm", NOTICE, 70_002, ["", 10, BALL]),
     ("reset", "the body is empty", RESET, 70_001, []),
 ]
 """Name, note, kind, sequence, fields."""

@@ -19,14 +19,16 @@ from hapticnet.node.master import MasterNode
 from hapticnet.node.settings import MasterSettings, SlaveSettings
 from hapticnet.node.slave import SlaveNode
 from hapticnet.operator.base import Operator
-from hapticnet.operator.live import LiveHand
+from hapticnet.operator.live import LiveHand, LiveHandSettings
 from hapticnet.protocol.handshake import Door
 from hapticnet.protocol.wire import OPEN
 from hapticnet.runtime.runners import run_master, run_slave
 from hapticnet.runtime.system import SystemEntropy
 from hapticnet.runtime.udp import HostPort, bound_address, host_of, listen, open_toward
+from hapticnet.scene.base import Touchable
+from hapticnet.scene.bodies import BodyScene
 from hapticnet.scene.scene import Scene
-from hapticnet.scene.settings import SceneSettings
+from hapticnet.scene.settings import BodySceneSettings, SceneSettings
 from hapticnet.scene.sources import find_scene
 from hapticnet.web import messages
 from hapticnet.web.access import Access, listen_for_pages
@@ -83,8 +85,9 @@ class Client:
     async def say(self, kind: str, **content: Any) -> None:
         await self.socket.send_str(json.dumps({"type": kind, **content}))
 
-    async def move(self, position_m: float, time_ms: float = 1.0) -> None:
-        await self.socket.send_bytes(struct.pack("<BBHfd", messages.HAND, 0, 0, position_m, time_ms))
+    async def move(self, position_m: float, *further_m: float, time_ms: float = 1.0) -> None:
+        hand = struct.pack(f"<BBHfd{len(further_m)}f", messages.HAND, 0, 0, position_m, time_ms, *further_m)
+        await self.socket.send_bytes(hand)
 
     def last(self, kind: str) -> dict[str, Any]:
         return next((each for each in reversed(self.json) if each["type"] == kind), {})
@@ -129,12 +132,13 @@ async def connected(
 
 def read_frame(data: bytes) -> dict[str, Any]:
     kind, state, count, number, time_ms, tip_m = struct.unpack_from("<BBHIdf", data)
-    assert (kind, len(data)) == (messages.FRAME, 20 + 5 * count)
+    rest = len(data) - 20 - 5 * count
+    assert (kind, rest % 4) == (messages.FRAME, 0)
     surfaces = struct.unpack_from(f"<{count}f", data, 20)
     contacts = struct.unpack_from(f"<{count}B", data, 20 + 4 * count)
     return {
         "state": state, "number": number, "time_ms": time_ms, "tip_m": tip_m, "surfaces_m": surfaces,
-        "contacts": contacts,
+        "contacts": contacts, "further": struct.unpack_from(f"<{rest // 4}f", data, 20 + 5 * count),
     }  # fmt: skip
 
 
@@ -159,10 +163,17 @@ async def rig(
     with_slave: bool = True,
 ) -> AsyncIterator[Rig]:
     """Run slave, master and page; without an `operator`, the page is the hand."""
-    tissues = find_scene(scene) if isinstance(scene, str) else scene
+    found = find_scene(scene) if isinstance(scene, str) else scene
+    axes = found.axes if isinstance(found, BodySceneSettings) else 1
+
+    def make_scene() -> Touchable:
+        if isinstance(found, BodySceneSettings):
+            return BodyScene(found.bodies, name=found.name)
+        return Scene(found.tissues, name=found.name)
+
     stop, said = asyncio.Event(), []
     slave = SlaveNode(
-        lambda _: Scene(tissues.tissues, name=tissues.name),
+        lambda _: make_scene(),
         SlaveSettings(),
         SystemEntropy(),
         doors={OPEN: Door()},
@@ -170,7 +181,7 @@ async def rig(
     )
     slave_sock = listen(HostPort("127.0.0.1", 0))
     sock, address = open_toward(bound_address(slave_sock))
-    hand = LiveHand() if operator is None else None
+    hand = LiveHand(LiveHandSettings(axes=axes)) if operator is None else None
     node = MasterNode(operator or hand, None, MasterSettings(), SystemEntropy())
     plain = ChannelSettings()
     out: Emulator[Any] = Emulator(plain, np.random.default_rng(1))

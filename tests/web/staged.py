@@ -133,7 +133,7 @@ def greet(stage: Stage, view: View) -> None:
         tissues = TISSUES
     stage.tell("hello", **hello)
     name = {"name": "paper:1"} if view == "watch" else {}
-    stage.tell("scene", known=True, range_m=[0.0, 0.085], tissues=tissues, **name)
+    stage.tell("scene", known=True, range_m=[0.0, 0.085], tissues=tissues, axes=1, reach_m=0.05, **name)
     stage.tell("hand", holder="nobody", state="free")
     stage.tell("ready", ready=True)
     if view == "watch":

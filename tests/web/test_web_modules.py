@@ -38,8 +38,10 @@ def test_a_page_reads_what_the_server_writes(run_module):
     frame = messages.frame(HandState.HOLDING, 7, 12.5, 0.25, (0.25, 0.5), (1, 2))
     assert run_module("wire", DECODE, list(frame)) == {
         "kind": "frame", "handState": "holding", "number": 7, "handTimeMs": 12.5, "tipM": 0.25,
-        "surfacesM": [0.25, 0.5], "contacts": [1, 2],
+        "surfacesM": [0.25, 0.5], "contacts": [1, 2], "further": [],
     }  # fmt: skip
+    of_three_axes = messages.frame(HandState.LIVE, 7, 12.5, 0.25, (), (), (0.5, -0.25, 1.0, 2.0, 3.0))
+    assert run_module("wire", DECODE, list(of_three_axes))["further"] == [0.5, -0.25, 1.0, 2.0, 3.0]
     samples = messages.samples(2**32 - 1, 1.5, np.arange(6.0).reshape(2, 3))
     assert run_module("wire", DECODE, list(samples)) == {
         "kind": "samples", "rows": 3, "firstRow": 2**32 - 1, "startS": 1.5, "columns": [[0, 1, 2], [3, 4, 5]]
@@ -84,8 +86,8 @@ def test_a_page_takes_no_message_that_is_cut_off(run_module, kept: int):
 
 
 def test_the_server_reads_hands_as_a_page_writes_them(run_module):
-    data = run_module("wire", "(m) => [...new Uint8Array(m.encodeHand(0.015625, 1234.5))]")
-    assert messages.parse_binary(bytes(data)) == messages.Hand(0.015625, 1234.5)
+    data = run_module("wire", "(m) => [...new Uint8Array(m.encodeHand([0.015625, 0.5], 1234.5))]")
+    assert messages.parse_binary(bytes(data)) == messages.Hand((0.015625, 0.5), 1234.5)
 
 
 def test_the_history_keeps_the_newest_rows_in_order_and_counts_those_that_are_missing(run_module):

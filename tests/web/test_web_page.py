@@ -12,7 +12,7 @@ from hapticnet.operator.yielding import scripted_yielding
 from hapticnet.scene.settings import SceneSettings, Tissue
 from hapticnet.web import messages
 from hapticnet.web.messages import CloseCode
-from tests.web.rig import Client, Rig, played, rig, until
+from tests.web.rig import WITHIN_S, Client, Rig, played, rig, until
 
 
 async def push(client: Client, position_m: float, seconds: float) -> None:
@@ -69,7 +69,7 @@ async def test_the_operator_view_gets_nothing_that_gives_an_answer_away():
         for message in operator.json:
             assert message.keys() <= {
                 "type", "version", "view", "messages_per_s", "hand", "known", "range_m", "tissues", "ready",
-                "holder", "state",
+                "holder", "state", "axes", "reach_m",
             }  # fmt: skip
         assert operator.last("scene")["tissues"] == [{"rest_m": 0.02}, {"rest_m": 0.04}, {"rest_m": 0.06}]
         assert not operator.blocks
@@ -117,7 +117,7 @@ async def test_one_page_has_the_hand_and_when_it_goes_the_needle_is_withdrawn():
             await other.move(0.09)
             await push(client, 0.01, 0.1)
             assert run.hand is not None
-            assert run.hand.position_m < 0.011
+            assert run.hand.position_m[0] < 0.011
         await other.hear("hand", holder="nobody", state="withdrawing")
         await other.hear("hand", holder="nobody", state="free")
         assert run.node.position_m == (0.0,)
@@ -299,3 +299,28 @@ async def test_a_page_that_fails_is_switched_off_and_the_run_goes_on(monkeypatch
         ticks = run.node.ticks
         await until(lambda: run.node.ticks > ticks + 50)
         assert run.node.failure is None
+
+
+@played
+async def test_a_scene_of_three_axes_is_described_and_touched():
+    async with rig(scene="phantom") as run, run.open("operator") as operator, run.open("watch") as watcher:
+        shapes = await watcher.hear("shapes", count=2)
+        assert (shapes["changed"]["0"][0], shapes["changed"]["1"][:2]) == ("plane", ["sphere", [0.034, 0.004, 0.0]])
+        assert await operator.hear("shapes", count=2) == shapes, "the looks of a scene say nothing of its forces"
+        scene = await watcher.hear("scene", axes=3)
+        assert (scene["known"], scene["reach_m"]) == (False, 0.05)
+        await operator.say("take")
+        await operator.hear("hand", holder="you")
+
+        def is_felt() -> bool:
+            further = watcher.frames[-1]["further"] if watcher.frames else ()
+            return len(further) == 5 and further[2] > 1.0 and further[:2] == pytest.approx((0.01, -0.02), abs=1e-4)
+
+        async with asyncio.timeout(WITHIN_S):
+            while not is_felt():
+                await operator.move(0.028, 0.01, -0.02)
+                await asyncio.sleep(0.05)
+        assert watcher.frames[-1]["further"][3] > 0, "the skin is tilted, so it pushes aside, too"
+        assert all(len(frame["further"]) == 2 for frame in operator.frames if frame["further"])
+        await operator.move(0.028)
+        await operator.hear("error", message="the hand has 1 axis; in this run it has 3")

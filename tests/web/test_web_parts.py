@@ -47,7 +47,8 @@ def test_the_force_of_a_scene_that_was_used_before_is_unknown_until_the_needle_w
 def test_savings_count_only_while_a_force_is_felt():
     received = SimpleNamespace(packets=0, wire_bytes=0, lost=0, by_kind={})
     sent = SimpleNamespace(packets=0, wire_bytes=0, by_kind={Kind.POSITION: 0})
-    session = SimpleNamespace(received=received, sent=sent, sealed=False)
+    drawing = SimpleNamespace(packets=0, wire_bytes=0)
+    session = SimpleNamespace(received=received, drawing=drawing, sent=sent, sealed=False)
     meter = TrafficMeter(SimpleNamespace(session=session, axes=1))  # type: ignore[arg-type]
     for felt, packets in ((False, 1), (True, 50), (False, 1)):
         sent.by_kind[Kind.POSITION] += 1000

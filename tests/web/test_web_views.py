@@ -1,8 +1,12 @@
 """What the views show and say, with a test in place of the server."""
 
+import math
+
 import pytest
 
 pytest.importorskip("playwright")
+from hapticnet.operator.live import HandState
+from hapticnet.web import messages
 from hapticnet.web.messages import CloseCode
 from tests.web.staged import ORIGIN, STATE, Stage, begin_again, open_view
 
@@ -45,11 +49,11 @@ def test_a_drag_takes_the_hand_and_moves_the_needle_as_far_as_the_pointer(operat
     operator.until(lambda: bool(operator.hands))
     operator.page.mouse.move(x, y + 100, steps=5)
     shown_m = 0.085 + 0.002 + 0.014  # the range, and what is shown around it
-    operator.until(lambda: abs(operator.hands[-1].position_m - 100 * shown_m / box["height"]) < 1e-4)
+    operator.until(lambda: abs(operator.hands[-1].position_m[0] - 100 * shown_m / box["height"]) < 1e-4)
     operator.page.mouse.up()
     heard = len(operator.hands)
     operator.until(lambda: len(operator.hands) > heard + 3)  # a hand that rests is not silent
-    assert operator.hands[-1].position_m == operator.hands[heard].position_m
+    assert operator.hands[-1].position_m[0] == operator.hands[heard].position_m[0]
 
 
 def test_the_hand_stays_within_the_range_and_turns_back_at_once(operator: Stage):
@@ -57,15 +61,15 @@ def test_the_hand_stays_within_the_range_and_turns_back_at_once(operator: Stage)
     take(operator)
     for _ in range(30):
         operator.page.keyboard.press("PageDown")
-    operator.until(lambda: bool(operator.hands) and abs(operator.hands[-1].position_m - 0.085) < 1e-6)
+    operator.until(lambda: bool(operator.hands) and abs(operator.hands[-1].position_m[0] - 0.085) < 1e-6)
     operator.page.keyboard.press("PageUp")
-    operator.until(lambda: abs(operator.hands[-1].position_m - 0.080) < 1e-6)
+    operator.until(lambda: abs(operator.hands[-1].position_m[0] - 0.080) < 1e-6)
 
 
 def test_an_arrow_key_moves_the_needle_while_it_is_down(operator: Stage):
     operator.page.keyboard.down("ArrowDown")
     take(operator)
-    operator.until(lambda: bool(operator.hands) and operator.hands[-1].position_m > 0.01)
+    operator.until(lambda: bool(operator.hands) and operator.hands[-1].position_m[0] > 0.01)
     operator.page.keyboard.up("ArrowDown")
     operator.page.keyboard.press("Escape")
     operator.until(lambda: bool(operator.heard("release")))
@@ -263,4 +267,143 @@ def test_the_theme_follows_the_system(chromium):
     assert stage.page.evaluate(theme) == "dark"
     stage.page.emulate_media(color_scheme="light")
     stage.until(lambda: stage.page.evaluate(theme) == "light")
+    stage.page.context.close()
+
+
+SHAPES = {
+    0: ["plane", [0.02, 0, 0], [], [1, 0, 0], [0, 1, 0]],
+    1: ["sphere", [0.034, 0.004, 0], [0.012], [1, 0, 0], [0, 1, 0]],
+    2: ["box", [0.05, -0.02, 0.01], [0.005, 0.01, 0.01], [1, 0, 0], [0, 1, 0]],
+    3: ["capsule", [0.01, 0.02, 0], [0.002, 0.01], [0, 0, 1], [1, 0, 0]],
+}
+
+
+def show_space(stage: Stage, axes: int = 3, *, described: bool = True) -> None:
+    """Let the scene be one that is no tissue."""
+    stage.tell("scene", known=False, range_m=[0.0, 0.1], tissues=[], axes=axes, reach_m=0.05, name="bench")
+    if described:
+        stage.tell("shapes", count=len(SHAPES), changed=SHAPES)
+    show_push(stage, axes)
+
+
+def show_push(stage: Stage, axes: int = 3, force_n: float = 0.0) -> None:
+    further = (*[0.01] * (axes - 1), *[force_n] * axes) if axes > 1 else ()
+    stage.sockets[-1].send(messages.frame(HandState.LIVE, 1, 0.0, 0.01, (), (), further))
+
+
+def picture(stage: Stage) -> bytes:
+    stage.page.wait_for_timeout(60)
+    return stage.page.locator("#scene").screenshot()
+
+
+def test_a_scene_that_describes_itself_is_drawn_and_named_in_the_first_sentence(watch: Stage):
+    show_space(watch, described=False)
+    watch.until(lambda: "does not say how it looks" in watch.text("#first"))
+    bare = picture(watch)
+    show_space(watch)
+    watch.until(lambda: "among a plane, a sphere, a box and a capsule" in watch.text("#first"))
+    watch.until(lambda: picture(watch) != bare)
+    assert watch.text("#hand-state") == "The tool is free: drag it"
+    assert not watch.page.locator("[data-line=true]").is_visible(), "nobody here knows the true force"
+    tool = watch.page.get_by_role("slider", name="Tool")
+    watch.until(lambda: (tool.get_attribute("aria-valuetext") or "").startswith("Tool at 10, 10, 10 millimetres"))
+    begin_again(watch, "watch")
+    watch.until(lambda: "2 layers of tissue" in watch.text("#first"))
+
+
+def test_three_axes_are_moved_by_keys_pointer_and_wheel(watch: Stage):
+    show_space(watch)
+    watch.page.locator("#scene").focus()
+    moved: list[int] = []
+    for key in ("ArrowDown", "ArrowRight", "w"):
+        watch.page.keyboard.down(key)
+        if not moved:
+            take(watch)
+        axis = len(moved)
+        watch.until(lambda axis=axis: bool(watch.hands) and watch.hands[-1].position_m[axis] > 0.012)
+        watch.page.keyboard.up(key)
+        moved.append(axis)
+    before = watch.hands[-1].position_m
+    box = watch.page.locator("#scene").bounding_box()
+    watch.page.mouse.move(box["x"] + 100, box["y"] + 100)
+    watch.page.mouse.down()
+    watch.page.mouse.move(box["x"] + 130, box["y"] + 160, steps=3)
+    watch.page.mouse.wheel(0, 200)
+    watch.until(lambda: all(a > b for a, b in zip(watch.hands[-1].position_m[:2], before, strict=False)))
+    watch.until(lambda: watch.hands[-1].position_m[2] < before[2] - 0.005)
+    watch.page.mouse.up()
+    right_m, down_m = (watch.hands[-1].position_m[axis] - before[axis] for axis in (1, 0))
+    assert down_m == pytest.approx(2 * right_m, rel=0.05)
+
+
+def test_a_force_of_any_size_is_drawn_inside_the_picture(watch: Stage):
+    show_space(watch)
+    code = """async ([from, push, size]) => {
+      const { drawForce } = await import("/static/marks.js");
+      const points = [];
+      const context = new Proxy({}, { get: (_, name) => name === "measureText" ? () => ({ width: 90 })
+        : (...all) => points.push([name, ...all]), set: () => true });
+      drawForce(context, from, push, Math.hypot(push.x, push.y), size);
+      return points;
+    }"""
+    size = {"width": 500, "height": 400}
+    for push in ({"x": 0, "y": -45}, {"x": 300, "y": 20}, {"x": -5, "y": 900}, {"x": 1, "y": 1}):
+        drawn = watch.page.evaluate(code, [{"x": 480, "y": 390}, push, size])
+        ((_, words, x, y),) = [each for each in drawn if each[0] == "fillText"]
+        assert 0 < x < 500 - 80
+        assert 0 < y < 400
+        assert words.endswith("not to scale") == (push != {"x": -1, "y": 1}), words
+
+
+def test_a_stick_moves_the_hand_and_the_rumble_follows_the_law_only_while_it_is_on(watch: Stage):
+    watch.page.evaluate(
+        """() => {
+          window.played = [];
+          const vibrationActuator = {
+            playEffect: async (kind, { strongMagnitude }) => { played.push([kind, strongMagnitude]); },
+            reset: async () => { played.push(["reset", 0]); },
+          };
+          const buttons = [{ pressed: false }, { pressed: false }];
+          window.pad = { connected: true, axes: [0, 0, 0, 0], buttons, vibrationActuator };
+          navigator.getGamepads = () => [null, pad];
+        }"""
+    )
+    watch.tell("state", **STATE)
+    button = watch.page.get_by_role("button", name="Rumble")
+    watch.until(button.is_visible)
+    watch.send_samples(held=2.0)
+    watch.page.wait_for_timeout(200)
+    assert watch.page.evaluate("played") == []
+    button.click()
+    assert "not its direction" in watch.text("#notice")
+    watch.until(lambda: len(watch.page.evaluate("played")) > 2)
+    kind, strength = watch.page.evaluate("played.at(-1)")
+    assert (kind, strength) == ("dual-rumble", pytest.approx(math.log(1 + 2 / 0.5) / math.log(1 + 4.6 / 0.5)))
+    watch.send_samples(held=90.0)
+    watch.until(lambda: watch.page.evaluate("played.at(-1)[1]") == 1)
+    watch.send_samples(held=0.02)
+    watch.until(lambda: watch.page.evaluate("played.at(-1)[0]") == "reset")
+    watch.page.evaluate("pad.buttons[0].pressed = true")
+    take(watch)
+    watch.page.evaluate("pad.axes[1] = 1")
+    watch.until(lambda: bool(watch.hands) and watch.hands[-1].position_m[0] > 0.005)
+    watch.page.evaluate("pad.buttons[1].pressed = true")
+    watch.until(lambda: bool(watch.heard("release")))
+    button.click()
+    watch.page.evaluate("delete navigator.getGamepads")
+
+
+def test_a_phone_vibrates_for_a_share_of_the_time_once_it_is_turned_on(chromium):
+    stage = open_view(chromium, "watch", viewport={"width": 390, "height": 844}, has_touch=True, is_mobile=True)
+    stage.page.evaluate("() => { window.shaken = []; navigator.vibrate = (ms) => shaken.push(ms); }")
+    stage.tell("state", **STATE)
+    button = stage.page.get_by_role("button", name="Vibrate")
+    stage.until(button.is_visible)
+    stage.send_samples(held=4.6)
+    stage.page.wait_for_timeout(150)
+    assert stage.page.evaluate("shaken") == []
+    button.click()
+    stage.until(lambda: 100 in stage.page.evaluate("shaken"))
+    button.click()
+    stage.until(lambda: stage.page.evaluate("shaken.at(-1)") == 0)
     stage.page.context.close()

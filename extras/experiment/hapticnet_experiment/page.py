@@ -226,7 +226,7 @@ class ParticipantPage(KeyFront, Audience):
             times_us, positions_m = zip(*taken, strict=True)
             self._mirror.forces_n(times_us, positions_m)
             self._tip_m = positions_m[-1]
-        self._send_frames(self._tip_m, self._mirror)
+        self._send_frames((self._tip_m,), self._mirror)
 
     def _restart(self) -> None:
         self._tell_ready(False)

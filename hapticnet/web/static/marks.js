@@ -152,42 +152,62 @@ export function drawWanted(context, scene, needle, wantedM) {
   context.globalAlpha = 1;
 }
 
-/** The force on the needle as an arrow that pushes out of the tissue. */
-export function drawArrow(context, needle, forceN, heightPx) {
+/**
+ * A force as an arrow from where it acts. Its head stays in the picture; if it is cut, the words say so.
+ * @param {object} push x and y of the force on the tool [N] in the picture
+ * @param {number} forceN as written
+ */
+export function drawForce(context, from, push, forceN, { width, height }) {
+  const length = Math.hypot(push.x, push.y) * ARROW_PX_PER_N;
   if (!(Math.abs(forceN) > 0.02)) return;
+  const inside = (at, by, size) => (by > 0 ? size - ARROW_ROOM_PX - at : by < 0 ? ARROW_ROOM_PX - at : Infinity) / by;
+  const [x, y] = [push.x * ARROW_PX_PER_N, push.y * ARROW_PX_PER_N];
+  const share = Math.max(0, Math.min(1, inside(from.x, x, width) || 1, inside(from.y, y, height) || 1));
   const colour = palette();
-  const x = needle.x + needle.radius + 20;
-  const from = needle.y;
-  const whole = from - forceN * ARROW_PX_PER_N;
-  const to = Math.min(heightPx - ARROW_ROOM_PX, Math.max(ARROW_ROOM_PX, whole)); // the head stays in the picture
-  const head = Math.min(10, Math.abs(to - from)) * Math.sign(to - from);
+  const to = share * length;
+  const head = Math.min(10, to);
   const path = new Path2D();
-  path.moveTo(x - 2.5, from);
-  path.lineTo(x - 2.5, to - head);
-  path.lineTo(x - 8, to - head);
-  path.lineTo(x, to);
-  path.lineTo(x + 8, to - head);
-  path.lineTo(x + 2.5, to - head);
-  path.lineTo(x + 2.5, from);
+  for (const [across, forward] of [[-2.5, 0], [-2.5, to - head], [-8, to - head], [0, to], [8, to - head], [2.5, to - head], [2.5, 0]]) {
+    path.lineTo(across, -forward);
+  }
   path.closePath();
+  context.save();
+  context.translate(from.x, from.y);
+  context.rotate(Math.atan2(x, -y));
   context.lineJoin = "round";
   context.strokeStyle = colour("surface");
   context.lineWidth = 4;
   context.stroke(path);
   context.fillStyle = colour("held");
   context.fill(path);
-  const words = `${forceN.toFixed(2).replace("-", "−")} N${to === whole ? "" : ", not to scale"}`;
+  context.restore();
+  const words = `${forceN.toFixed(2).replace("-", "−")} N${share < 1 ? ", not to scale" : ""}`;
   context.font = `700 15px ${FONT}`;
-  const width = context.measureText(words).width + 16;
-  const y = (from + to) / 2;
+  const wide = context.measureText(words).width + 16;
+  const left = Math.min(from.x + (share * x) / 2 + 13, width - wide - 4);
+  const middle = Math.min(height - 18, Math.max(18, from.y + (share * y) / 2));
   context.fillStyle = colour("surface");
   context.beginPath();
-  context.roundRect(x + 13, y - 13, width, 26, 13);
+  context.roundRect(left, middle - 13, wide, 26, 13);
   context.fill();
   context.fillStyle = colour("held-text");
   context.textAlign = "left";
   context.textBaseline = "middle";
-  context.fillText(words, x + 21, y + 0.5);
+  context.fillText(words, left + 8, middle + 0.5);
+}
+
+/** A bar that says how long a millimetre is. */
+export function drawScale(context, pxPerM) {
+  const mm = RULER_STEPS_MM.find((each) => each * MM * pxPerM >= RULER_GAP_PX) ?? 500;
+  context.strokeStyle = context.fillStyle = palette()("muted");
+  context.lineWidth = 1.5;
+  const path = new Path2D();
+  for (const [x, y] of [[0, 0], [0, 6], [mm * MM * pxPerM, 6], [mm * MM * pxPerM, 0]]) path.lineTo(18 + x, 28 + y);
+  context.stroke(path);
+  context.font = `400 11px ${FONT}`;
+  context.textAlign = "left";
+  context.textBaseline = "alphabetic";
+  context.fillText(`${mm} mm`, 22, 28);
 }
 
 /** Chevrons below the tip that invite to drag. */

@@ -2,7 +2,7 @@
 //
 // This file knows the state and the geometry; tissue.js, needle.js and marks.js draw.
 
-import { RULER_PX, drawArrow, drawInvitation, drawLabels, drawRipples, drawRuler, drawWanted } from "./marks.js";
+import { RULER_PX, drawForce, drawInvitation, drawLabels, drawRipples, drawRuler, drawWanted } from "./marks.js";
 import { drawNeedle } from "./needle.js";
 import { Spring, stations, surfaceAt } from "./surface.js";
 import { drawTissueOverNeedle, drawTissues, makeFills } from "./tissue.js";
@@ -68,6 +68,11 @@ export class SceneView {
     return 1 / this._scale;
   }
 
+  /** Turn a motion [right, down, away] of the hand into one along its axis. */
+  toAxes([, down]) {
+    return [down];
+  }
+
   contact(index) {
     return this._frame?.contacts[index] ?? CONTACT.NONE;
   }
@@ -115,10 +120,11 @@ export class SceneView {
     drawTissueOverNeedle(context, this, surfaces, needle, lengthPx);
     drawLabels(context, this);
     this._ripples = drawRipples(context, this, this._ripples, nowMs, still.matches);
-    if (forceN !== null) drawArrow(context, needle, forceN, this.height);
+    if (forceN !== null) drawForce(context, { x: needle.x + needle.radius + 20, y: needle.y }, { x: 0, y: -forceN }, forceN, this);
     if (invites) drawInvitation(context, needle, nowMs, still.matches);
-    if (wantedM !== null) drawWanted(context, this, needle, wantedM);
-    drawRuler(context, this, wantedM);
+    const [wanted] = wantedM ?? [null];
+    if (wanted !== null) drawWanted(context, this, needle, wanted);
+    drawRuler(context, this, wanted);
   }
 
   /** Whether the canvas already shows this. A scene at rest then costs nothing. */

@@ -4,8 +4,9 @@
 import { Connection } from "./connection.js";
 import { Hand } from "./hand.js";
 import { SceneView } from "./scene.js";
+import { SpaceView } from "./space.js";
 import { texts } from "./texts.js";
-import { handWords, hint, sceneWords } from "./words.js";
+import { handWords, hint, sceneWords, spaceWords } from "./words.js";
 
 const ERROR_MS = 6000;
 const WORDS_EVERY_MS = 1000;
@@ -30,8 +31,10 @@ export class Stage {
     this._contacts = [];
     this._wordsMs = 0;
     this._limit = null;
+    this._pushN = [];
     this.canvas = byId("scene");
     this.scene = new SceneView(this.canvas, { onBreach: (index) => this._breached(index) });
+    this.space = new SpaceView(this.canvas);
     this.connection = new Connection(view, {
       open: () => this._opened(),
       closed: (how) => this._lost(how),
@@ -40,8 +43,9 @@ export class Stage {
     this.hand = new Hand(this.canvas, {
       send: (type) => this.connection.send(type),
       sendBinary: (buffer) => this.connection.sendBinary(buffer),
-      tipM: () => this.scene.tipM,
-      metresPerPixel: () => this.scene.metresPerPixel(),
+      tipM: () => (this.isSpace ? this.space.tip.slice(0, this._scene.axes) : [this.scene.tipM]),
+      metresPerPixel: () => this._view.metresPerPixel(),
+      toAxes: (motion) => this._view.toAxes(motion),
       refused: (why) => this.complain(why),
       letGo: () => this.letGo(),
     });
@@ -52,6 +56,15 @@ export class Stage {
     requestAnimationFrame((nowMs) => this._frame(nowMs));
   }
 
+  /** Whether the scene is none of layers of tissue. */
+  get isSpace() {
+    return this._scene !== null && (this._scene.axes > 1 || !this._scene.known);
+  }
+
+  get _view() {
+    return this.isSpace ? this.space : this.scene;
+  }
+
   /** Give the own hand back: the needle is withdrawn. */
   letGo() {
     this.hand.giveBack();
@@ -59,7 +72,16 @@ export class Stage {
 
   /** Tell a person for a few seconds what went wrong. */
   complain(text) {
-    this._error = text;
+    this._tell(["warn", texts.not_possible, sentence(text)]);
+  }
+
+  /** Tell a person for a few seconds what something is. */
+  tell(text) {
+    this._tell(["info", text, ""]);
+  }
+
+  _tell(notice) {
+    this._error = notice;
     clearTimeout(this._errorTimer);
     this._errorTimer = setTimeout(() => {
       this._error = null;
@@ -95,13 +117,22 @@ export class Stage {
   _on_hello(message) {
     this._handInfo = message.hand;
     this.hand.configure({ repeatMs: message.hand.repeat_ms });
+    this.space.clear();
+  }
+
+  _on_shapes(message) {
+    this.space.setShapes(message);
   }
 
   _on_scene(message) {
     this._scene = message;
     this._contacts = [];
     this.scene.setScene(message);
-    this.hand.configure({ rangeM: message.range_m });
+    this.space.setScene(message);
+    const aside = [-message.reach_m, message.reach_m];
+    this.hand.configure({ rangesM: [message.range_m, aside, aside] });
+    this._label ??= this.canvas.ariaLabel;
+    this.canvas.ariaLabel = this.isSpace ? "Tool" : this._label;
     this.canvas.ariaValueMin = (message.range_m[0] * 1000).toFixed(0);
     this.canvas.ariaValueMax = (message.range_m[1] * 1000).toFixed(0);
     this._show();
@@ -109,7 +140,10 @@ export class Stage {
 
   _on_frame(frame) {
     this._contacts = frame.contacts;
+    const axes = this._scene?.axes ?? 1;
+    this._pushN = frame.further.slice(axes - 1);
     this.scene.setFrame(frame);
+    this.space.setFrame({ tipM: frame.tipM, furtherM: frame.further.slice(0, axes - 1) });
     if (frame.handState !== this._handState) {
       this._handState = frame.handState;
       this._show();
@@ -179,10 +213,11 @@ export class Stage {
   }
 
   _hint() {
-    return hint(this._handInfo.source, this._holder, this._handInfo);
+    return hint(this._handInfo.source, this._holder, { ...this._handInfo, axes: this._scene?.axes });
   }
 
   _sceneWords(forceN) {
+    if (this.isSpace) return spaceWords(this.space.tip.slice(0, this._scene.axes), forceN);
     return sceneWords(this.scene.tipM, this._scene?.tissues ?? [], this._contacts, forceN);
   }
 
@@ -200,12 +235,13 @@ export class Stage {
     const online = this.connection?.isOpen ?? false;
     document.body.toggleAttribute("data-offline", !online);
     if (this.hand) this.hand.obstacle = this._obstacle(online, source);
-    byId("hand-state").textContent = online ? this._handWords() : texts.connecting;
+    const named = (words) => (this.isSpace ? words.replace("needle", "tool") : words);
+    byId("hand-state").textContent = online ? named(this._handWords()) : texts.connecting;
     byId("hint").textContent = online ? this._hint() : "";
     const withdraws = this._mayStopOthers && this._holder === "another";
     const letsGo = this._holder === "you";
     const button = byId("hand-button");
-    button.textContent = letsGo ? texts.let_go : withdraws ? texts.withdraw : texts.take;
+    button.textContent = letsGo ? texts.let_go : withdraws ? texts.withdraw : named(texts.take);
     button.dataset.action = letsGo ? "let-go" : withdraws ? "withdraw" : "take";
     button.disabled = !letsGo && !withdraws && (!online || this._holder !== "nobody");
     button.hidden = source !== "page";
@@ -241,12 +277,9 @@ export class Stage {
       return ["warn", texts.lost, texts.lost_text];
     }
     if (!online) return ["wait", texts.connecting, ""];
-    if (this._error) return ["warn", texts.not_possible, sentence(this._error)];
+    if (this._error) return this._error;
     if (this._ready === false) {
       return ["warn", "The slave does not answer", "Force fades to zero. The needle moves, but it touches nothing."];
-    }
-    if (this._scene && !this._scene.known) {
-      return ["info", "The scene is not known here", "The master cannot draw its surfaces, or compute the true force."];
     }
     if (this._limit) return ["info", `The device presses with ${this._limit} N at most`, "The force is larger: a finger would feel less of it."];
     if (this._holder === "you" && this._handState === "holding") {
@@ -260,7 +293,9 @@ export class Stage {
     this._on.draw?.(nowMs);
     const forceN = this._on.forceN?.() ?? null;
     const invites = this._ready && this._holder === "nobody" && this._handState === "free" && this.hand.obstacle === null;
-    this.scene.draw(nowMs, { wantedM: this.hand.isOurs ? this.hand.wantedM : null, forceN, invites });
+    const wantedM = this.hand.isOurs ? this.hand.wantedM : null;
+    if (!this.isSpace) this.scene.draw(nowMs, { wantedM, forceN, invites });
+    else this.space.draw(nowMs, { wantedM, forceN: this._scene.axes > 1 ? this._pushN : forceN === null ? null : [forceN] });
     if (nowMs - this._wordsMs > WORDS_EVERY_MS) {
       this._wordsMs = nowMs;
       this.canvas.ariaValueNow = (this.scene.tipM * 1000).toFixed(1);

@@ -3,36 +3,44 @@
 import { Clock } from "./clock.js";
 import { History } from "./history.js";
 import { ForcePlot, LINES } from "./plot.js";
+import { Rumble, Vibration, WHAT_IT_IS_NOT, strengthOf } from "./rumble.js";
 import { Settings } from "./settings.js";
 import { Tone } from "./sound.js";
 import { Stage } from "./stage.js";
 import { showTraffic } from "./traffic.js";
-import { count, linkState, newtons } from "./words.js";
+import { count, firstSentence, linkState, newtons } from "./words.js";
 
 const KEPT = ["true", "received", "held", "sensed", "packets", "low", "high"];
 const LEGEND_EVERY_MS = 120;
 const MOST_EVENTS = 50;
 const NEWS_S = 20;
+const LARGEST_N = 4.6; // force of the strongest rumble without a device: what one would press
 
 const byId = (id) => document.getElementById(id);
 
 const clock = new Clock();
 const tone = new Tone();
+const substitutions = { rumble: new Rumble(), vibrate: new Vibration() };
 const shown = new Map(LINES.map((line) => [line, true]));
 let history = new History(KEPT, 5000);
 let columns = [];
 let about = []; // what the header says about the run
+let scene = null;
 let largestN = null; // what the device renders at most
 let newestS = null; // time of the newest event, while it is shown
 let law = null; // multiplier, weber_fraction, floor_n of the newest state
+let person = null; // the newest state, whose weber_fraction and floor_n are the person's even where nothing is compressed
 let plot = null;
 let legendMs = 0;
 
 const stage = new Stage("watch", {
   hello: configure,
-  scene: ({ name }) => {
-    byId("about").textContent = [name && `scene ${name}`, ...about].filter(Boolean).join(" · ");
+  scene: (message) => {
+    scene = message;
+    byId("about").textContent = [message.name && `scene ${message.name}`, ...about].filter(Boolean).join(" · ");
+    describe();
   },
+  shapes: describe,
   samples: takeSamples,
   vibration: ({ playedMS2 }) => tone.vibrate(playedMS2),
   state: showState,
@@ -67,6 +75,12 @@ function configure(hello) {
   about = [`${count(hello.rate_hz)} Hz`, hello.device && `device ${hello.device}`];
 }
 
+function describe() {
+  const words = firstSentence(scene, stage.space.words());
+  if (byId("first").textContent !== words) byId("first").textContent = words;
+  document.querySelector('[data-line="true"]').hidden = !scene.known; // nobody here knows it
+}
+
 function makePlot(seconds) {
   const button = byId("pause");
   const made = new ForcePlot(byId("plot"), seconds, (paused) => {
@@ -94,6 +108,9 @@ function takeSamples(message) {
 }
 
 function showState(state) {
+  person = state;
+  byId("rumble").hidden = !Rumble.motors();
+  byId("vibrate").hidden = !Vibration.isThere();
   law = state.codec === "raw" || !(state.multiplier > 0) ? null : state;
   const [level, words] = linkState(state.link);
   stage.setLink(level, words);
@@ -130,7 +147,10 @@ function showAge(nowS) {
 }
 
 function drawFrame(nowMs) {
-  tone.follow(history.last("held"));
+  const heldN = history.last("held");
+  tone.follow(heldN);
+  const strength = person && stage.connection.isOpen && !document.hidden ? strengthOf(heldN, person, largestN ?? LARGEST_N) : 0;
+  for (const each of Object.values(substitutions)) each.follow(strength, nowMs);
   const edge = clock.now(nowMs / 1000);
   if (!plot || !Number.isFinite(edge)) return;
   const forces = ["low", "high", "held", "true", "sensed"].map((name) => history.column(name));
@@ -167,3 +187,11 @@ byId("sound").addEventListener("click", async () => {
   await tone.toggle();
   byId("sound").ariaPressed = String(tone.isOn);
 });
+
+for (const [name, substitution] of Object.entries(substitutions)) {
+  byId(name).addEventListener("click", () => {
+    substitution.toggle();
+    byId(name).ariaPressed = String(substitution.isOn);
+    if (substitution.isOn) stage.tell(WHAT_IT_IS_NOT[name]);
+  });
+}

@@ -29,7 +29,8 @@ function decodeVibration(view) {
 
 function decodeFrame(view) {
   const surfaces = view.getUint16(2, true);
-  if (view.byteLength < FRAME_HEAD + 5 * surfaces) return null;
+  const more = view.byteLength - FRAME_HEAD - 5 * surfaces;
+  if (more < 0) return null;
   return {
     kind: "frame",
     handState: HAND_STATES[view.getUint8(1)] ?? "free",
@@ -38,6 +39,8 @@ function decodeFrame(view) {
     tipM: view.getFloat32(16, true),
     surfacesM: new Float32Array(view.buffer, FRAME_HEAD, surfaces),
     contacts: new Uint8Array(view.buffer, FRAME_HEAD + 4 * surfaces, surfaces),
+    // With several axes: the further ones, and the held force for a view that shows it.
+    further: surfaces ? [] : [...new Float32Array(view.buffer, FRAME_HEAD, more >> 2)],
   };
 }
 
@@ -57,11 +60,12 @@ function decodeSamples(view) {
   };
 }
 
-/** Return the HAND message for a wanted tip position [m] and the time stamp [ms] of the motion. */
-export function encodeHand(positionM, timeMs) {
-  const view = new DataView(new ArrayBuffer(HAND_BYTES));
+/** Return the HAND message for a wanted tip position [m] on each axis and the time stamp [ms] of the motion. */
+export function encodeHand([firstM, ...furtherM], timeMs) {
+  const view = new DataView(new ArrayBuffer(HAND_BYTES + 4 * furtherM.length));
   view.setUint8(0, HAND);
-  view.setFloat32(4, positionM, true);
+  view.setFloat32(4, firstM, true);
   view.setFloat64(8, timeMs, true);
+  furtherM.forEach((positionM, axis) => view.setFloat32(HAND_BYTES + 4 * axis, positionM, true));
   return view.buffer;
 }

@@ -59,11 +59,13 @@ export function handWords(source, holder, state) {
   return state === "withdrawing" ? texts.withdrawing : texts.free;
 }
 
-export function hint(source, holder, { speed_m_per_s: speed, delay_ms: delay }) {
+const WAYS = ["Drag down to push, or use ↑ ↓.", "Drag, or use ↑ ↓ ← →.", "Drag, or use ↑ ↓ ← →; wheel or W and S: away and back."];
+
+export function hint(source, holder, { speed_m_per_s: speed, delay_ms: delay, axes = 1 }) {
   if (source !== "page") return "This page watches.";
   if (holder === "another") return "You watch until that page lets go.";
-  const how = matchMedia("(pointer: coarse)").matches ? "Drag down to push." : "Drag down to push, or use ↑ ↓. Esc lets go.";
-  return `${how} The needle follows ${delay} ms later, at up to ${count(speed * 1000)} mm/s.`;
+  const how = matchMedia("(pointer: coarse)").matches ? "Drag to push." : `${WAYS[axes - 1]} Esc lets go.`;
+  return `${how} It follows ${delay} ms later, at up to ${count(speed * 1000)} mm/s.`;
 }
 
 /** The scene in words, for screen readers. */
@@ -76,6 +78,22 @@ export function sceneWords(tipM, tissues, contacts, forceN) {
   });
   if (Number.isFinite(forceN)) parts.push(`${forceN.toFixed(1)} newtons`);
   return parts.join(", ");
+}
+
+/** A scene that is no tissue in words, for screen readers. */
+export function spaceWords(tipM, forceN) {
+  const place = tipM.map((each) => signed(each * 1000, 0)).join(", ");
+  return `Tool at ${place} millimetres${Number.isFinite(forceN) ? `, ${forceN.toFixed(1)} newtons` : ""}`;
+}
+
+/** The first sentence for somebody who sees the page: what there is, and what it does. */
+export function firstSentence({ known, axes, tissues }, shapes) {
+  if (known && axes === 1) {
+    const layers = tissues.length === 1 ? "a layer" : `${tissues.length} layers`;
+    return `A needle enters ${layers} of tissue at the slave, and each pushes back until it gives way.`;
+  }
+  return shapes ? `A tool moves at the slave among ${shapes}; what it touches pushes back, as the arrow shows.`
+    : "A tool moves at the slave, in a scene that does not say how it looks: you see the tool, its path and the force on it.";
 }
 
 /** What the threshold means at a force of one newton. */

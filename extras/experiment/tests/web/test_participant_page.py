@@ -117,10 +117,10 @@ async def test_a_page_closed_in_a_trial_ends_it_and_the_next_page_goes_on(tmp_pa
     async with session(tmp_path, plan()) as run:
         async with run.open() as client:
             await to_the_trial(client)
-            await client.push(0.03, lambda: run.hand.position_m > 0.02)
+            await client.push(0.03, lambda: run.hand.position_m[0] > 0.02)
         await until(lambda: "aborted" in run.events())
         assert run.rig.running is None
-        assert (run.hand.state, run.hand.position_m) == (HandState.FREE, 0.0)
+        assert (run.hand.state, run.hand.position_m) == (HandState.FREE, (0.0,))
         assert next(row.reason for row in run.rows if row.event == "aborted") == "the page was closed"
         async with run.open() as client:
             await client.go_on("repeat")
@@ -190,10 +190,10 @@ async def test_the_hand_can_be_taken_only_while_there_is_something_to_touch(tmp_
         assert "nothing to touch" in (await client.hear("error"))["message"]
         assert run.hand.state is HandState.FREE
         await to_the_trial(client)
-        await client.push(0.05, lambda: run.hand.position_m > 0.01)
+        await client.push(0.05, lambda: run.hand.position_m[0] > 0.01)
         await client.answer()
         await client.see("rating")
-        assert (run.hand.state, run.hand.position_m) == (HandState.FREE, 0.0)
+        assert (run.hand.state, run.hand.position_m) == (HandState.FREE, (0.0,))
 
 
 @played
