@@ -13,6 +13,8 @@ import numpy as np
 from hapticnet.checks import axes_of, check_parameter
 from hapticnet.errors import SampleError, SettingsError, UserCodeError
 from hapticnet.samples import PositionSample, Vector
+from hapticnet.scene.shapes import Shape
+from hapticnet_mujoco.looks import Looks
 from hapticnet_mujoco.model import STIFFEST, compiled, load, tool_of
 
 LONGEST_MOTION_US: Final = 100_000  # after a longer pause, physics makes only the steps of this time
@@ -92,9 +94,11 @@ class Coupled:
 
     Time is that of the positions: physics makes as many steps of the model as fit, and never waits. Euler's integrator
     is replaced by MuJoCo's implicit one, because it takes the coupling's damping explicitly. A subclass adds the
-    coupling to the specification before, sets its gains, and calls `_begin` with the goal at rest and the highest
-    speed of each of its numbers.
+    coupling to the specification before, sets its gains and `_looks`, and calls `_begin` with the goal at rest and the
+    highest speed of each of its numbers.
     """
+
+    _looks: Looks
 
     def __init__(self, own: Unchanged, axes: int) -> None:
         for each in list(own.spec.keys):  # they fit the joints and actuators of the file
@@ -107,6 +111,10 @@ class Coupled:
         _copy_state(own.model, own.data, self._model, self._now.data)
         mujoco.mj_forward(self._model, self._now.data)
         self._is_copy = self._is_ahead = False  # a copy that has looked far ahead
+
+    def shapes(self) -> list[Shape]:
+        """Return how the model looks."""
+        return self._looks.shapes(self._now.data)
 
     def _damp(self, gains: Sequence[Gains]) -> list[float]:
         """Set stiffness and damping of the coupling; return damping over stiffness [s] of each axis.

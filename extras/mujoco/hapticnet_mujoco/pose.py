@@ -10,6 +10,7 @@ from hapticnet.arrays import FloatArray
 from hapticnet.checks import check_parameter
 from hapticnet.errors import SettingsError
 from hapticnet.samples import Vector
+from hapticnet_mujoco.looks import Looks
 from hapticnet_mujoco.model import PREFIX, couple_pose, float_freely
 from hapticnet_mujoco.physics import Coupled, Gains, Physics, Unchanged
 from hapticnet_mujoco.rotations import NO_TURN, Quaternion, Triple, inverse, product, rotated, turned_by, vector_of
@@ -87,6 +88,8 @@ class Pose(Coupled):
         self._turn_at_rest: Quaternion = tuple(turn.tolist())
         self._turn = self._turn_at_rest
         self._lead_s = self._damp(gains)
+        axes = own.data.site_xmat[own.fixed_site(str(frame))].reshape(3, 3).T if frame else np.eye(3)
+        self._looks = Looks(self._model, self._now.data, at_m, axes)
         opening = self._now.data.actuator_length[-1:].tolist() if grip else []
         fastest = (FASTEST_M_PER_S,) * 3 + (FASTEST_RAD_PER_S,) * 3 + (FASTEST_M_PER_S,) * len(opening)
         self._begin((0.0,) * 6 + tuple(opening), fastest)

@@ -8,6 +8,7 @@ import numpy as np
 from hapticnet.checks import check_parameter
 from hapticnet.errors import SettingsError
 from hapticnet.samples import Vector
+from hapticnet_mujoco.looks import Looks
 from hapticnet_mujoco.model import PREFIX, axes_from, couple, slides
 from hapticnet_mujoco.physics import Coupled, Gains, Physics, Unchanged
 
@@ -78,6 +79,7 @@ class Scene(Coupled):
         super().__init__(own, len(along))
         # From a force that the tool exerts to what the hand feels
         self._signs = np.array([sign * turned[:, coordinate] for coordinate, sign in along])
+        self._looks = Looks(self._model, self._now.data, self._now.data.site(frame).xpos, self._signs, scale)
         self._lead_s = self._damp([Gains(self.axes, stiffness, "N/m", "kg")])
         self._scale, self._force_scale, self._of_contact = scale, force_scale, force == "contact"
         goal_m = self._now.data.actuator_length[-self.axes :].tolist()

@@ -218,3 +218,10 @@ def test_rotations_agree_with_each_other():
         both = rotated(rotated((1.0, 2.0, 3.0), b), a)
         assert rotated((1.0, 2.0, 3.0), product(a, b)) == pytest.approx(both)
         assert rotated(both, inverse(product(a, b))) == pytest.approx((1.0, 2.0, 3.0))
+
+
+def test_a_bench_says_how_it_looks():
+    view, *shapes = bench().shapes()
+    assert view.kind == "view"
+    assert {each.kind for each in shapes} <= {"plane", "sphere", "capsule", "box"}
+    assert len(shapes) > 5

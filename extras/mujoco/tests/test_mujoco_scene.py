@@ -11,6 +11,7 @@ import hapticnet as hn
 from hapticnet.errors import SampleError, SettingsError, UnavailableError, UserCodeError
 from hapticnet.operator.scripted import InsertionSettings, ScriptedOperator
 from hapticnet.operator.yielding import HANDS, YieldingOperator
+from hapticnet.scene.shapes import ShapeFeed, unpack_shapes
 from hapticnet_mujoco import Scene
 
 COUPLING = 1000.0  # N/m, the default
@@ -272,3 +273,38 @@ def test_the_example_of_the_page_runs(capsys):
     (example,) = re.findall(r"```python\n(.*?)```", (Path(__file__).parents[1] / "README.md").read_text(), re.DOTALL)
     exec(compile(example, "README.md", "exec"), {})  # noqa: S102 - our own page
     assert "mujoco:block" in capsys.readouterr().out
+
+
+def test_a_model_says_how_it_looks_in_the_axes_of_the_hand():
+    scene = Scene("ball", "finger", "-zxy", scale=2.0)
+    play(scene, [(0.0, 0.0, 0.0)] * 10)
+    view, *boxes, ball, tool = scene.shapes()
+    assert (view.along, view.across, view.size_m) == ((-1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
+    assert [each.kind for each in boxes] == ["box"] * 5
+    assert tool.kind == "sphere"
+    assert tool.at_m == pytest.approx([0.0, 0.0, 0.0], abs=1e-3)
+    assert tool.size_m == [0.005]  # 10 mm of the model are 5 mm of the hand
+    assert boxes[0].at_m == pytest.approx([0.035, 0.0, 0.0])  # the table, 70 mm below the tool
+    assert boxes[0].size_m == pytest.approx([0.005, 0.1, 0.1])
+    assert boxes[0] is scene.shapes()[1], "what is fixed is described once"
+    play(scene, [(0.02, 0.01 + 1e-5 * each, 0.0) for each in range(1000)], 10)
+    assert scene.shapes()[-2].at_m[1] > ball.at_m[1] + 0.001, "the ball was pushed aside"
+
+
+@pytest.mark.parametrize(("model", "tool", "axes"), EVERY)
+def test_every_model_of_the_package_can_be_drawn(model, tool, axes):
+    scene = Scene(model, tool, axes)
+    count, found = unpack_shapes(ShapeFeed(scene.shapes).due(0))
+    assert count == len(found) == len(scene.shapes())
+    for shape in found.values():
+        assert np.dot(shape.along, shape.across) == pytest.approx(0.0, abs=2e-3)
+        assert math.hypot(*shape.along) == pytest.approx(1.0, abs=2e-3)
+
+
+def test_meshes_are_drawn_as_boxes_and_planes_as_solid_below(tmp_path):
+    geoms = '<geom type="plane" size="1 1 .1"/><geom type="ellipsoid" size=".01 .02 .03"/><geom group="4" size=".1"/>'
+    file = saved(tmp_path, f'<worldbody>{geoms}<body name="t" pos="0 0 .1"><geom size=".01"/></body></worldbody>')
+    _, plane, ellipsoid, tool = Scene(file, "t", "-z").shapes()
+    assert (plane.kind, plane.along) == ("plane", [1.0, 0.0, 0.0])  # down, as the hand pushes
+    assert (ellipsoid.kind, tool.kind) == ("box", "sphere")
+    assert ellipsoid.size_m == pytest.approx([0.03, 0.01, 0.02])
