@@ -200,3 +200,17 @@ def test_a_scene_in_another_program_is_asked_by_udp_and_its_force_ends_with_it(p
     wait_until(lambda: force_n(0.015) == 0.0)
     assert scene.report()["malformed"] == 0
     assert 0 < scene.report()["answers"] < scene.report()["asked"]
+
+
+def test_two_masters_hold_one_box_and_each_feels_the_other():
+    left, right = load("shared_box.py:Side")(), load("shared_box.py:Side")()
+    left.welcome("left")
+    right.welcome("right")
+    with pytest.raises(ValueError, match="no side 'top'"):
+        load("shared_box.py:Side")().welcome("top")
+    for t_us in range(0, 5_000_000, 1000):
+        deeper = 0.055 + 0.002 * (t_us > 2_000_000)
+        felt_n = [side.step(PositionSample(t_us, (place,))) for side, place in ((left, deeper), (right, 0.055))]
+        if t_us == 2_000_000:
+            assert felt_n == pytest.approx([2.0, 2.0], rel=0.02)
+    assert felt_n == pytest.approx([2.4, 2.4], rel=0.02)  # the left one has pushed the box into the right hand
