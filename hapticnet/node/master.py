@@ -80,8 +80,9 @@ class MasterNode:
         self._feel: Any = getattr(operator, "feel", None)
         law = PartsLaw.of(self.parts, settings.law, settings.part_laws) if self.parts else settings.law
         self._codec = self._next_codec = make_codec(settings.codec, law, settings.parameters)
-        first_axes = self.parts[0].axes if self.parts else operator.axes  # a device renders the first part
-        self._rendering = Rendering(device, settings, first_axes)
+        # of the first part, which is what a device renders and a page shows
+        self.first_axes = self.parts[0].axes if self.parts else operator.axes
+        self._rendering = Rendering(device, settings, self.first_axes)
         self.vibration: VibrationPlayer | None = None  # what is played; None if it is not asked for
         if settings.vibration:
             shaker = device if isinstance(device, UserDevice | UserActuator) and device.shakes else VoiceCoil()

@@ -136,7 +136,8 @@ class Page(Audience):
         if node.vibration is not None and len(self._vibration) < MOST_SAMPLES:
             self._vibration += node.vibration.played_m_s2
         if self._port is not None and node.position_m is not None:
-            self._port.add(now_us, node.held_n, node.position_m, node.codec.law)
+            axes = node.first_axes
+            self._port.add(now_us, node.held_n[:axes], node.position_m[:axes], node.codec.law)
 
     def _port_state(self, now_us: int) -> dict[str, Any] | None:
         """Return the energy at the port; warn if the hand begins to swing."""
@@ -164,8 +165,9 @@ class Page(Audience):
         if self._drawn != self._node.shapes:
             self._tell_all(self._shapes(self._drawn))
             self._drawn = self._node.shapes
-        rest_m = (self._range_m[0], *(0.0,) * (self._node.axes - 1))
-        self._send_frames(self._node.position_m or rest_m, self._mirror, self._node.held_n)
+        axes = self._node.first_axes
+        rest_m = (self._range_m[0], *(0.0,) * (axes - 1))
+        self._send_frames((self._node.position_m or rest_m)[:axes], self._mirror, self._node.held_n[:axes])
 
     def _flush(self) -> None:
         """Send the ticks since the last call to the watch views."""
@@ -243,7 +245,7 @@ class Page(Audience):
         if view == "watch":
             content |= {
                 "rate_hz": 1e6 / self._node.position_period_us,
-                "axes": self._node.axes,
+                "axes": self._node.first_axes,
                 "device": settings.device,
                 "largest_n": self._node.largest_n,
                 "master": self._node.settings.name,
@@ -261,7 +263,7 @@ class Page(Audience):
         tissues = self._mirror.settings.tissues if self._mirror is not None else ()
         shown: list[dict[str, Any]] = [{"rest_m": tissue.rest_position_m} for tissue in tissues]
         content: dict[str, Any] = {"known": self._mirror is not None, "range_m": self._range_m, "tissues": shown}
-        content |= {"axes": self._node.axes, "reach_m": (self._settings.hand or LiveHand()).settings.reach_m}
+        content |= {"axes": self._node.first_axes, "reach_m": (self._settings.hand or LiveHand()).settings.reach_m}
         if view == "watch":  # the operator view cannot show what it does not get
             content["name"] = self._node.scene_name
             for about, tissue in zip(shown, tissues, strict=True):

@@ -35,7 +35,7 @@ class Ticks:
         position_m = node.position_m
         if position_m is None:
             return
-        received_n, held_n = node.received_n, node.held_n
+        received_n, held_n = node.received_n[: node.first_axes], node.held_n[: node.first_axes]
         if len(held_n) == 1:
             (received,), (held,) = received_n, held_n
         else:

@@ -1,15 +1,26 @@
 """Pose and wrench, grip and several fingers over an emulated network."""
 
 import math
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 import hapticnet as hn
+from hapticnet.channel.emulator import Emulator
+from hapticnet.channel.spec import parse_channel
 from hapticnet.control.couplings import EnergyBounded
+from hapticnet.device.user import UserActuator
 from hapticnet.errors import SettingsError, UnavailableError
 from hapticnet.experiment.analysis import matched
+from hapticnet.node.loopback import Loopback
+from hapticnet.node.master import MasterNode
+from hapticnet.node.settings import MasterSettings, SlaveSettings
+from hapticnet.node.slave import SlaveNode
+from hapticnet.operator.base import UserOperator
 from hapticnet.parts import LEVER_M
+from hapticnet.scene.base import UserScene
+from hapticnet.web.ticks import Ticks
 
 POSE = ("force:3", "torque:3", "grip:1")
 LOSSY = "delay=10ms,jitter=uniform:3ms,loss=5%"
@@ -179,3 +190,21 @@ def test_several_fingers_have_a_force_and_a_position_each():
     assert table["thumb_force_n"].max() == pytest.approx(2.0, rel=0.01)
     assert table["index_force_n"].max() == pytest.approx(6.0, rel=0.01)
     assert {"thumb_position_m", "index_position_m", "thumb_held_n", "index_held_n"} <= set(table)
+
+
+def test_a_device_renders_the_first_part_and_a_page_shows_it():
+    pressed = []
+    device = UserActuator(SimpleNamespace(apply=lambda force_n, _: pressed.append(force_n)))
+    settings = MasterSettings(device_takes="norm")
+    master = MasterNode(UserOperator(Turning()), device, settings, np.random.default_rng(1))
+    slave = SlaveNode(lambda _: UserScene(Knob()), SlaveSettings(), np.random.default_rng(2))
+    ticks = Ticks(master, 0)
+    forward, feedback = (Emulator(parse_channel("perfect"), np.random.default_rng(3)) for _ in range(2))
+    loopback = Loopback(master, slave, forward=forward, feedback=feedback)
+    for _ in range(2000):
+        loopback.run(1000)
+        ticks.add(loopback.now_us)
+    assert pressed[-1] == pytest.approx(abs(master.held_n[0]))
+    assert max(pressed) > 3.0
+    assert master.held_n[5] != 0.0
+    assert ticks._rows[-1][3] == pytest.approx(abs(master.held_n[0]))
