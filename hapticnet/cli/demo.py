@@ -80,14 +80,14 @@ def demo(
     if device.startswith("simavr"):
         simavr_build()
     if page is not None:
-        if scene is not None:
-            raise SettingsError(
-                "--page plays the paper's scene; for another: hapticnet slave --scene, and master --page"
-            )
         if json or out_dir is not None:
             raise SettingsError("--page is played live and writes no results; omit --out-dir and --json")
         signal.signal(signal.SIGTERM, lambda number, _: sys.exit(128 + number))
-        _play_on_page(page, Console("demo", quiet=quiet), seed=seed, device=device, codec=codec, rate_hz=rate)
+        scene = scene or f"paper:{seed}"
+        axes = getattr(find_scene(scene), "axes", 1)
+        _play_on_page(
+            page, Console("demo", quiet=quiet), scene, axes, seed=seed, device=device, codec=codec, rate_hz=rate
+        )
         return
     out = fresh_path(RESULTS) if out_dir is None else out_dir
     report, bytes_figure, run_figure = (out / name for name in ("demo.json", "bytes_per_penetration.png", "run.png"))
@@ -149,7 +149,9 @@ def demo(
     console.say(f"all numbers: {report}")
 
 
-def _play_on_page(page: str, console: "Console", *, seed: int, device: str, codec: str, rate_hz: float) -> None:
+def _play_on_page(
+    page: str, console: "Console", scene: str, axes: int, *, seed: int, device: str, codec: str, rate_hz: float
+) -> None:
     """Run both processes, open the page, and pass on the master's messages, until it ends.
 
     The browser is a child of this process, which has normal priority; a child of the master would inherit its
@@ -160,12 +162,11 @@ def _play_on_page(page: str, console: "Console", *, seed: int, device: str, code
     from hapticnet.options import AUTO
     from hapticnet.runtime.processes import Child
 
-    slave = Child(
-        ["slave", "--listen", "127.0.0.1:0", "--scene", f"paper:{seed}", "--add-codec", split_codec(codec)[0]]
-    )
+    slave = Child(["slave", "--listen", "127.0.0.1:0", "--scene", scene, "--add-codec", split_codec(codec)[0]])
     master: Child | None = None
     try:
         arguments = ["master", "--connect", slave.address(), "--name", "demo", "--seed", str(seed)]
+        arguments += ["--operator", f"page:axes={axes}"]
         arguments += ["--page" if page == AUTO else f"--page={page}", "--device", device]
         master = Child([*arguments, "--codec", codec, "--rate", str(rate_hz)])
         for line in master.lines():

@@ -11,6 +11,7 @@ from hapticnet.cli.console import Console
 from hapticnet.cli.demo import open_browser
 from hapticnet.cli.pages import PAGE, address_in, address_of, choose_operator, say_addresses
 from hapticnet.errors import SettingsError, UnavailableError
+from hapticnet.runtime.processes import Child
 from hapticnet.web.access import Access
 from tests.cli.test_cli_errors import assert_only_line
 from tests.ready import hapticnet
@@ -101,3 +102,17 @@ def test_without_aiohttp_the_extra_is_named(monkeypatch: pytest.MonkeyPatch):
 
 def test_the_demo_on_the_page_writes_no_results():
     assert_only_line(hapticnet("demo", "--page", "--json"), "omit --out-dir and --json", code=2)
+
+
+def test_a_page_of_too_few_axes_is_told_how_to_have_more():
+    slave = Child(["slave", "--listen", "127.0.0.1:0", "--scene", "phantom"])
+    try:
+        run = hapticnet("master", "--connect", slave.address(), "--page=127.0.0.1:0", "-q")
+    finally:
+        slave.end()
+    assert "has 3; give the page as many with --operator page:axes=N" in run.stderr
+
+
+def test_a_page_has_one_to_three_axes():
+    run = hapticnet("master", "--operator", "page:axes=4")
+    assert_only_line(run, "operator 'page:axes=4': expected page, page:axes=2 or page:axes=3")
