@@ -13,6 +13,7 @@ from pathlib import Path
 from hapticnet import perception
 from hapticnet.codec import values
 from hapticnet.control import hold
+from hapticnet.node.settings import SlaveSettings
 from hapticnet.protocol import handshake, master_session, master_stream, messages, repair, slave_session, stats, wire
 from hapticnet.protocol.settings import RepairSettings, SessionSettings
 from hapticnet.samples import LARGEST_COMPONENT, MAX_AXES
@@ -43,6 +44,10 @@ NUMBERS: dict[str, dict[str, float]] = {
         "LEAST_KEEPALIVE_US": messages.KEEPALIVE_US.smallest,
         "MOST_KEEPALIVE_US": messages.KEEPALIVE_US.largest,
         "MOST_CLOCK_US": messages.CLOCK_US.largest,
+        "LEAST_VIBRATION_BUDGET": messages.VIBRATION_BUDGET.smallest,
+        "MOST_VIBRATION_BUDGET": messages.VIBRATION_BUDGET.largest,
+        "LEAST_VIBRATION": messages.VIBRATION_THRESHOLD.smallest,
+        "MOST_VIBRATION": messages.VIBRATION_THRESHOLD.largest,
         "MOST_PERCENT": messages.PERCENT.largest,
         "MOST_WAITED_MS": messages.WAITED_MS.largest,
         "LEAST_LAW": perception.SMALLEST,
@@ -75,6 +80,7 @@ NUMBERS: dict[str, dict[str, float]] = {
         "HELLO_GROWTH": handshake.GROWTH,
         "STALE_GROWTH": master_stream.STALE_GROWTH,
         "RECENT": master_stream.RECENT,
+        "FASTEST_RATE_HZ": SlaveSettings().fastest_rate_hz,
         "POLICED_SHARE": slave_session.POLICED_SHARE,
         "POLICED_BURST_S": slave_session.POLICED_BURST_S,
     },
@@ -102,6 +108,20 @@ NUMBERS: dict[str, dict[str, float]] = {
         "SHORTEST_TIMEOUT_US": repair.SHORTEST_TIMEOUT_US,
         "LONGEST_TIMEOUT_US": repair.LONGEST_TIMEOUT_US,
         "GRANULARITY_US": repair.GRANULARITY_US,
+        "REPORT_LASTS_US": repair.REPORT_LASTS_US,
+        "PACE_STEP_US": repair.PACE_STEP_US,
+        "SCHEDULING_US": repair.SCHEDULING_US,
+        "SHORTEST_WAIT_US": REPAIR.shortest_wait_us,
+        "LONGEST_WAIT_US": REPAIR.longest_wait_us,
+        "SHORTEST_KEEPALIVE_US": REPAIR.shortest_keepalive_us,
+    },
+    "Repair: shares and counts": {
+        "DOUBT_LIMIT": REPAIR.doubt_limit,
+        "REPEATS_PER_POSITION": REPAIR.repeats_per_position,
+        "MOST_CREDIT": repair.MOST_CREDIT,
+        "SILENCES_PER_S": REPAIR.silences_per_s,
+        "COMPLETE_ABOVE": REPAIR.complete_above,
+        "MOST_DATAGRAMS": stats.MOST_DATAGRAMS,
     },
 }
 

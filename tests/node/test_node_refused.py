@@ -26,15 +26,16 @@ def test_the_vectors_are_those_of_the_document():
     assert make_refused.document() == VECTORS
 
 
-def cases(to):
+def cases(to, sealed):
     """Return name and outcome of each datagram, and a function that makes it the next one of a session."""
+    room = 16 if sealed else 0  # for the seal
     for case in VECTORS["datagrams"]:
         data = bytes.fromhex(case["hex"])
         try:
             frame = unpack(data)
         except PeerError:
             frame = None
-        if case["to"] == to and len(data) < 1200 - 16:
+        if case["to"] == to and len(data) + room <= 1201:
 
             def make(ends, frame=frame, data=data):
                 return data if frame is None else ends.pack(frame.kind, frame.body)
@@ -44,7 +45,7 @@ def cases(to):
 
 def test_a_slave_drops_them_and_nothing_changes(sealed):
     ends = Slaves(sealed=sealed)
-    for name, outcome, datagram in cases("slave"):
+    for name, outcome, datagram in cases("slave", sealed):
         before, steps, data = ends.malformed, ends.disturbed.totals()[0], datagram(ends)
         if outcome == "dropped":
             assert not ends.disturb(data), name
@@ -61,7 +62,7 @@ def test_a_slave_drops_them_and_nothing_changes(sealed):
 
 def test_a_master_drops_them_and_nothing_changes(sealed):
     kept = Masters(sealed=sealed)
-    for name, outcome, datagram in cases("master"):
+    for name, outcome, datagram in cases("master", sealed):
         ends = kept if outcome == "dropped" else Masters(sealed=sealed)
         before, held_n = ends.malformed, ends.disturbed.held_n
         assert not ends.disturb(datagram(ends)), name

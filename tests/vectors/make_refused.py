@@ -83,8 +83,8 @@ def to_slave():
     for fields in (at[:2], []):
         yield f"position of {len(fields)} fields", body(POSITION, *fields), "dropped"
     for size, outcome in ((1200, "taken"), (1201, "dropped")):
-        bare = len(msgpack.packb(framed(body=msgpack.packb([2000, None, PLACE, 0, 0, bytes(1000)])))) - 1000
-        data = msgpack.packb(framed(body=msgpack.packb([2000, None, PLACE, 0, 0, bytes(size - bare)])))
+        bare = len(msgpack.packb(framed(body=msgpack.packb([2000, None, PLACE, 0, 0, 0, bytes(1000)])))) - 1000
+        data = msgpack.packb(framed(body=msgpack.packb([2000, None, PLACE, 0, 0, 0, bytes(size - bare)])))
         assert len(data) == size
         yield f"{size} bytes", data, outcome
     yield "33 fields", msgpack.packb(framed(body=msgpack.packb([2000, None, PLACE, *range(30)]))), "dropped"

@@ -32,6 +32,8 @@ typedef struct {
     uint32_t malformed, stray, too_old; /* datagrams that were dropped, and answers that came too late */
 } hn_counts;
 
+enum { HN_ADDRESS_BYTES = 28 }; /* as large as a sockaddr_in6 */
+
 #include "hapticnet_state.h"
 
 /* The master: `rate_hz` times a second, call tick, force and then send, until it returns 0. Call send after receive,
@@ -47,5 +49,18 @@ hn_state hn_master_state(const hn_master *m);
 const char *hn_master_reason(const hn_master *m, unsigned *code); /* of the newest REFUSE, CLOSE or NOTICE */
 const char *hn_master_scene(const hn_master *m);
 hn_counts hn_master_counts(const hn_master *m);
+
+/* The slave, of one master at a time, with the codecs deadband and raw. `receive` returns the size of an answer to where
+ * the datagram came from, or 0. When all that has arrived was received and `position` returns true, give `answer` the
+ * force there; what that returns goes to `hn_slave_master`. A force that is not finite closes the session. */
+void hn_slave_init(hn_slave *s, const char *scene, unsigned axes, hn_entropy *entropy, void *context);
+size_t hn_slave_receive(hn_slave *s, const void *datagram, size_t size, const void *address, size_t address_size,
+                        int64_t now_us, uint8_t answer[HN_DATAGRAM_BYTES]);
+bool hn_slave_position(const hn_slave *s, double position_m[]);
+size_t hn_slave_answer(hn_slave *s, const double force_n[], int64_t now_us, uint8_t answer[HN_DATAGRAM_BYTES]);
+size_t hn_slave_close(hn_slave *s, const char *reason, unsigned code, uint8_t datagram[HN_DATAGRAM_BYTES]);
+
+const void *hn_slave_master(const hn_slave *s, size_t *size); /* the address of the session's master, or NULL */
+hn_counts hn_slave_counts(const hn_slave *s);
 
 #endif

@@ -138,4 +138,82 @@ typedef struct hn_master {
     unsigned closes_left;
 } hn_master;
 
+/* The deadband's or raw's encoder: the stimulus that the master holds, and how far the next may be from it. */
+typedef struct {
+    hn_settings settings;
+    double step_n;
+    hn_vector held_n;
+    double threshold_n; /* below 0: the next stimulus is sent */
+} hn_encoder;
+
+/* A datagram without acknowledgement, and the stimulus that is held if it is lost. */
+typedef struct {
+    uint32_t sequence;
+    int64_t sent_us;
+    hn_vector before_n;
+} hn_sent;
+
+enum { HN_MOST_SENT = 128 };
+
+/* When the slave sends although its encoder does not. */
+typedef struct {
+    hn_settings settings;
+    hn_sent sent[HN_MOST_SENT]; /* a ring */
+    unsigned first, count;
+    bool measured;
+    int64_t keepalive_us, since_us, spoke_us, reported_us;
+    double smoothed_us, deviation_us, overdue_us, timeout_us, late_us;
+    double share, again, credit; /* of losses, as the master reports them */
+    unsigned needed;
+} hn_repair;
+
+typedef struct {
+    uint8_t bytes[HN_ADDRESS_BYTES];
+    size_t size;
+} hn_address;
+
+/* A cookie that was given out, and whether its request was read. */
+typedef struct {
+    hn_address address;
+    uint32_t nonce;
+    uint8_t cookie[HN_COOKIE_BYTES];
+    bool given, spent;
+} hn_cookie;
+
+/* A session that was granted and has no position yet. */
+typedef struct {
+    bool waits, continues;
+    hn_address address;
+    uint32_t nonce, number, first;
+    uint8_t ticket[HN_TICKET_BYTES];
+    hn_settings settings;
+    double rate_hz;
+    int64_t clock_us, heard_us;
+} hn_greeting;
+
+typedef struct hn_slave {
+    const char *scene;
+    unsigned axes;
+    double fastest_rate_hz;
+    hn_entropy *entropy;
+    void *context;
+    hn_counts counts;
+    hn_cookie cookies[8]; /* a ring */
+    unsigned next_cookie;
+    hn_greeting half_open;
+    /* the session */
+    bool open;
+    hn_address address;
+    uint32_t number, sequence;
+    uint8_t ticket[HN_TICKET_BYTES];
+    double rate_hz, full_us; /* positions that are served, and when their bucket is full again */
+    hn_maybe newest_force;
+    hn_arrivals arrivals;
+    hn_encoder encoder;
+    hn_repair repair;
+    int64_t heard_us, position_t_us;
+    bool waits; /* whether a position waits for its force */
+    hn_vector position_m;
+} hn_slave;
+
 #endif

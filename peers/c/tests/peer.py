@@ -4,6 +4,7 @@ import ctypes
 import subprocess
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 HERE = Path(__file__).parents[1]
@@ -49,11 +50,12 @@ def load(folder: Path) -> Any:
     lib.shim_bytes.restype = ctypes.c_size_t
     for name in ("shim_decoder", "shim_decode", "shim_is_text"):
         getattr(lib, name).restype = ctypes.c_bool
-    for name in ("hn_master_send", "shim_repack"):
+    for name in ("hn_master_send", "hn_slave_receive", "hn_slave_answer", "hn_slave_close", "shim_repack"):
         getattr(lib, name).restype = ctypes.c_size_t
     for name in ("hn_master_init", "hn_master_reason", "hn_master_scene"):
         getattr(lib, name).restype = ctypes.c_char_p
-    lib.hn_master_counts.restype = Counts
+    lib.hn_slave_position.restype = ctypes.c_bool
+    lib.hn_master_counts.restype = lib.hn_slave_counts.restype = Counts
     return lib
 
 
@@ -165,4 +167,44 @@ class Master:
     @property
     def counts(self) -> tuple[int, int, int]:
         counts = self._lib.hn_master_counts(self._state)
+        return counts.malformed, counts.stray, counts.too_old
+
+
+class Slave:
+    """A slave of the library with a scene, with the calls of a `SlaveNode` that a `Loopback` needs."""
+
+    def __init__(self, lib: Any, random32: Callable[[], int], scene: Any, name: str = "in C") -> None:
+        self._lib, self._scene, self._axes = lib, scene, scene.axes
+        self._state, self._out = state(lib, b"slave"), ctypes.create_string_buffer(LIMIT)
+        self._entropy, self._name = Entropy(lambda _: random32()), name.encode()
+        self._outbox: list[tuple[bytes, Any]] = []
+        lib.hn_slave_init(self._state, self._name, scene.axes, self._entropy, None)
+
+    def receive_datagram(self, data: bytes, address: Any, now_us: int) -> None:
+        place, now = repr(address).encode()[:28], ctypes.c_int64(now_us)
+        sizes = ctypes.c_size_t(len(data)), ctypes.c_size_t(len(place))
+        size = self._lib.hn_slave_receive(self._state, data, sizes[0], place, sizes[1], now, self._out)
+        self._send(size, address)
+        position_m = vector([])
+        if self._lib.hn_slave_position(self._state, position_m):
+            force_n = self._scene.step(SimpleNamespace(t_us=0, position_m=tuple(position_m[: self._axes]))).force_n
+            self._send(self._lib.hn_slave_answer(self._state, vector(force_n), now, self._out), address)
+
+    def _send(self, size: int, address: Any) -> None:
+        if size:
+            self._outbox.append((self._out.raw[:size], address))
+
+    def datagrams_to_send(self) -> list[tuple[bytes, Any]]:
+        outbox, self._outbox = self._outbox, []
+        return outbox
+
+    def next_timer_us(self) -> None:
+        """Return None: a slave sends only when it receives."""
+
+    def close(self, reason: str, code: int, address: Any) -> None:
+        self._send(self._lib.hn_slave_close(self._state, reason.encode(), ctypes.c_uint(code), self._out), address)
+
+    @property
+    def counts(self) -> tuple[int, int, int]:
+        counts = self._lib.hn_slave_counts(self._state)
         return counts.malformed, counts.stray, counts.too_old

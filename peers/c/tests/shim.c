@@ -7,7 +7,9 @@
 
 size_t shim_bytes(const char *what)
 {
-    return strcmp(what, "master") == 0 ? sizeof(hn_master) : strcmp(what, "decoder") == 0 ? sizeof(hn_decoder) : 0;
+    if (strcmp(what, "master") == 0)
+        return sizeof(hn_master);
+    return strcmp(what, "slave") == 0 ? sizeof(hn_slave) : sizeof(hn_decoder);
 }
 
 bool shim_decoder(hn_decoder *d, const char *codec, unsigned axes, double weber_fraction, double floor_n,
@@ -95,16 +97,22 @@ size_t shim_repack(const uint8_t *data, size_t size, uint8_t *out)
     case HN_WELCOME:
         return repack_answer(out, &frame);
     case HN_POSITION:
-        return hn_read_position(frame.body, &position) ? hn_write_position(out, frame.session, frame.sequence, &position) : 0;
+        if (!hn_read_position(frame.body, &position))
+            return 0;
+        return hn_write_position(out, frame.session, frame.sequence, &position);
     case HN_FORCE:
-        return hn_read_force(frame.body, &force) ? hn_write_force(out, frame.session, frame.sequence, &force) : 0;
+        if (!hn_read_force(frame.body, &force))
+            return 0;
+        return hn_write_force(out, frame.session, frame.sequence, &force);
     case HN_KEEPALIVE:
-        return hn_read_keepalive(frame.body, &keepalive) ? hn_write_keepalive(out, frame.session, frame.sequence, &keepalive) : 0;
+        if (!hn_read_keepalive(frame.body, &keepalive))
+            return 0;
+        return hn_write_keepalive(out, frame.session, frame.sequence, &keepalive);
     case HN_RESET:
         return hn_write_frame(out, HN_RESET, frame.session, frame.sequence, frame.body);
     default:
-        return hn_read_ending(frame.body, frame.kind, &ending)
-                   ? hn_write_ending(out, frame.kind, frame.session, frame.sequence, &ending)
-                   : 0;
+        if (!hn_read_ending(frame.body, frame.kind, &ending))
+            return 0;
+        return hn_write_ending(out, frame.kind, frame.session, frame.sequence, &ending);
     }
 }

@@ -1,6 +1,8 @@
 """The examples, over UDP and in real time."""
 
+import json
 import re
+import socket
 import subprocess
 import sys
 
@@ -28,6 +30,20 @@ def test_the_example_of_a_master_feels_the_scene_of_a_slave_of_hapticnet(build_f
     assert len(felt) >= 20
     assert all(abs(n) < 0.1 for x, n in felt if x < 10.0)
     assert max(n for _, n in felt) > 3.0
+
+
+def test_a_master_of_hapticnet_feels_the_spring_of_the_example_of_a_slave(build_folder):
+    program = peer.build("examples", build_folder) / "slave"
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as free:
+        free.bind(("127.0.0.1", 0))
+        port = free.getsockname()[1]
+    with subprocess.Popen([program, str(port)]) as slave:
+        command = [sys.executable, "-m", "hapticnet", "master", "--connect", f"127.0.0.1:{port}", "--json"]
+        done = subprocess.run([*command, "--duration", "3"], capture_output=True, text=True, timeout=30)
+        slave.terminate()
+    assert done.returncode == 0, done.stderr
+    report = json.loads(done.stdout)
+    assert (report["scene"], report["connections"], report["received"]["malformed"]) == ("spring", 1, 0)
 
 
 @pytest.mark.parametrize("example", sorted((peer.HERE / "examples").glob("*.c")), ids=lambda path: path.stem)
