@@ -16,7 +16,7 @@ from hapticnet.control import hold
 from hapticnet.node.settings import SlaveSettings
 from hapticnet.protocol import handshake, master_session, master_stream, messages, repair, slave_session, stats, wire
 from hapticnet.protocol.settings import RepairSettings, SessionSettings
-from hapticnet.samples import LARGEST_COMPONENT, MAX_AXES
+from hapticnet.samples import LARGEST_COMPONENT, MAX_AXES, MOST_COMPONENTS
 
 ROOT = Path(__file__).parents[2]
 PAGES = ("docs/refer/payloads.md", "examples/literature/PAYLOADS.md")
@@ -37,6 +37,7 @@ NUMBERS: dict[str, dict[str, float]] = {
     "Limits of messages": {
         "MOST_ELEMENTS": wire.MAX_ELEMENTS,
         "MOST_AXES": MAX_AXES,
+        "MOST_COMPONENTS": MOST_COMPONENTS,
         "LEAST_RATE_HZ": messages.RATE_HZ.smallest,
         "MOST_RATE_HZ": messages.RATE_HZ.largest,
         "LEAST_SHARE": messages.POSITION_SHARE.smallest,

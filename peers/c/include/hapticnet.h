@@ -50,9 +50,9 @@ const char *hn_master_reason(const hn_master *m, unsigned *code); /* of the newe
 const char *hn_master_scene(const hn_master *m);
 hn_counts hn_master_counts(const hn_master *m);
 
-/* The slave, of one master at a time, with the codecs deadband and raw. `receive` returns the size of an answer to where
- * the datagram came from, or 0. When all that has arrived was received and `position` returns true, give `answer` the
- * force there; what that returns goes to `hn_slave_master`. A force that is not finite closes the session. */
+/* The slave, of one master at a time, with the codecs deadband and raw. `receive` returns the size of an answer to
+ * where the datagram came from, or 0. When all that has arrived was received and `position` returns true, give `answer`
+ * the force there; what that returns goes to `hn_slave_master`. A force that is not finite closes the session. */
 void hn_slave_init(hn_slave *s, const char *scene, unsigned axes, hn_entropy *entropy, void *context);
 size_t hn_slave_receive(hn_slave *s, const void *datagram, size_t size, const void *address, size_t address_size,
                         int64_t now_us, uint8_t answer[HN_DATAGRAM_BYTES]);

@@ -13,6 +13,7 @@
 /* Limits of messages */
 #define HN_MOST_ELEMENTS 32
 #define HN_MOST_AXES 3
+#define HN_MOST_COMPONENTS 24
 #define HN_LEAST_RATE_HZ 20.0
 #define HN_MOST_RATE_HZ 100000.0
 #define HN_LEAST_SHARE 0.01
@@ -126,6 +127,7 @@ enum {
     HN_CODE_KEY = 7,
     HN_CODE_STOPPING = 8,
     HN_CODE_SLOW = 9,
+    HN_CODE_SHAPES = 10,
 };
 
 #define HN_MOST_PARAMETERS 5

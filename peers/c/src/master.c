@@ -394,7 +394,7 @@ static void receive_notice(hn_master *m, const hn_frame *frame)
     }
     hn_arrival arrival = arrive(m->now, frame->sequence);
     m->counts.stray += arrival == HN_ASTRAY;
-    if (arrival == HN_NEW || arrival == HN_LATE)
+    if ((arrival == HN_NEW || arrival == HN_LATE) && !notice.has_shapes)
         note_reason(m, &notice);
 }
 

@@ -77,6 +77,25 @@ static bool get_vibration(hn_reader *r, hn_asked *asked)
     return true;
 }
 
+/* Read the parts of positions and forces, and their thresholds, or nil; return whether there are some. */
+static bool get_parts(hn_reader *r)
+{
+    if (hn_get_nil(r))
+        return false;
+    if (hn_get_array(r, 2) != 2)
+        r->ok = false;
+    for (unsigned left = hn_get_array(r, 0); left > 0 && r->ok; left--)
+        hn_get_text(r, HN_NAME_BYTES);
+    for (unsigned left = hn_get_map(r); left > 0 && r->ok; left--) {
+        hn_get_text(r, HN_NAME_BYTES);
+        if (hn_get_array(r, 2) != 2)
+            r->ok = false;
+        hn_get_number(r);
+        hn_get_number(r);
+    }
+    return true;
+}
+
 bool hn_read_asked(hn_bytes packed, hn_asked *asked)
 {
     hn_reader r = hn_read_from(packed);
@@ -88,7 +107,7 @@ bool hn_read_asked(hn_bytes packed, hn_asked *asked)
     asked->floor_n = hn_get_number(&r);
     asked->multiplier = hn_get_number(&r);
     asked->rate_hz = hn_get_number(&r);
-    asked->axes = (unsigned)hn_get_uint(&r, HN_MOST_AXES);
+    asked->axes = (unsigned)hn_get_uint(&r, HN_MOST_COMPONENTS);
     asked->name = hn_get_text(&r, HN_NAME_BYTES);
     if (!hn_get_nil(&r))
         asked->ticket = hn_get_bytes(&r);
@@ -101,7 +120,10 @@ bool hn_read_asked(hn_bytes packed, hn_asked *asked)
         asked->coupled = get_coupling(&r);
     if (elements > 14)
         asked->vibrates = get_vibration(&r, asked);
-    return hn_get_end(&r, elements > 15 ? elements - 15 : 0) && asked->axes > 0 &&
+    if (elements > 15)
+        asked->has_parts = get_parts(&r);
+    return hn_get_end(&r, elements > 16 ? elements - 16 : 0) && asked->axes > 0 &&
+           (asked->has_parts || asked->axes <= HN_MOST_AXES) &&
            (asked->ticket.at == NULL || asked->ticket.size == HN_TICKET_BYTES);
 }
 
@@ -142,7 +164,10 @@ bool hn_read_ending(hn_bytes body, uint32_t kind, hn_ending *ending)
     ending->nonce = kind == HN_REFUSE ? hn_get_uint32(&r) : 0;
     ending->reason = hn_get_text(&r, HN_REASON_BYTES);
     ending->code = hn_get_uint32(&r);
-    return hn_get_end(&r, elements - fields);
+    ending->has_shapes = kind == HN_NOTICE && elements > fields && !hn_get_nil(&r);
+    if (ending->has_shapes)
+        hn_get_bytes(&r);
+    return hn_get_end(&r, elements - fields - (kind == HN_NOTICE && elements > fields));
 }
 
 bool hn_read_position(hn_bytes body, hn_position *position)

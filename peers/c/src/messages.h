@@ -32,7 +32,7 @@ typedef struct {
     uint64_t clock_us;
     bool announced;
     double position_share;
-    bool predicted, coupled, vibrates;
+    bool predicted, coupled, vibrates, has_parts;
     double vibration_budget, vibration_threshold; /* [B/s], [m/s^2] */
 } hn_asked;
 
@@ -55,6 +55,7 @@ typedef struct {
     uint32_t nonce; /* of a REFUSE */
     hn_bytes reason;
     uint32_t code;
+    bool has_shapes; /* of a NOTICE that shows how the scene looks */
 } hn_ending; /* a REFUSE, CLOSE or NOTICE */
 
 typedef struct {

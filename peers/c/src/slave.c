@@ -31,7 +31,7 @@ static uint32_t draw_number(hn_slave *s)
 
 static size_t refuse(uint8_t *answer, uint32_t nonce, unsigned code, const char *reason)
 {
-    hn_ending refusal = {nonce, hn_text(reason), code};
+    hn_ending refusal = {.nonce = nonce, .reason = hn_text(reason), .code = code};
     return hn_write_ending(answer, HN_REFUSE, 0, 0, &refusal);
 }
 
@@ -68,7 +68,10 @@ static unsigned refusal_of(const hn_slave *s, const hn_asked *asked, hn_settings
                               is_in(asked->vibration_threshold, HN_LEAST_VIBRATION, HN_MOST_VIBRATION))))
         return HN_CODE_PARAMETER;
     *reason = "the scene has another number of axes";
-    return asked->axes == s->axes ? 0 : HN_CODE_AXES;
+    if (asked->axes != s->axes)
+        return HN_CODE_AXES;
+    *reason = "the scene has no parts but one force";
+    return asked->has_parts ? HN_CODE_AXES : 0;
 }
 
 static size_t welcome(const hn_slave *s, uint8_t *answer)
