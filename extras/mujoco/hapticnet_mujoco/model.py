@@ -143,10 +143,11 @@ def couple_pose(spec: Any, point: str, position: FloatArray, quat: FloatArray, g
     if grip is not None:
         kind, target = grip
         spec.add_actuator(name=f"{PREFIX} grip", trntype=kind, target=target, **shared)
+    kinds = ("FORCE", "TORQUE", "POS")
     spec.add_sensor(
         name=f"{PREFIX} contact",
         type=mujoco.mjtSensor.mjSENS_CONTACT,
         objtype=mujoco.mjtObj.mjOBJ_XBODY,
         objname=spec.site(point).parent.name,
-        intprm=[1 << int(mujoco.mjtConDataField.mjCONDATA_FORCE), NET_FORCE, 1],
+        intprm=[sum(1 << int(getattr(mujoco.mjtConDataField, f"mjCONDATA_{each}")) for each in kinds), NET_FORCE, 1],
     )

@@ -19,6 +19,7 @@ from hapticnet_mujoco.model import STIFFEST, compiled, load, tool_of
 
 LONGEST_MOTION_US: Final = 100_000  # after a longer pause, physics makes only the steps of this time
 STRIDE: Final = 5  # steps of the model that a copy makes as one, so that 100 ms take it some 100 µs
+FORCES: Final = "coupling", "contact"  # what a scene may answer
 LARGEST: Final = 1e6  # of any number of a position
 WARNINGS: Final = int(mujoco.mjtWarning.mjNWARNING)
 """Number of MuJoCo's warnings: NaN, values that are too large, contacts that found no room."""
@@ -222,26 +223,25 @@ class Coupled:
         """Return for each step how many timesteps it is long, and the speeds of the goal in it and at its end.
 
         A copy looks far ahead in a few steps, in which the goal speeds up or slows down evenly from the speed that it
-        has. In the next short move it keeps the speed that it has reached.
+        has. In later moves it keeps the speed that it has reached.
         """
         before, self._speeds = self._speeds, means
         if not self._is_copy or (steps < STRIDE and not self._is_ahead):
             return ((1, means, means),) * steps
-        if steps < STRIDE:
-            self._speeds = before
-            return ((1, means, before),) * steps
-        self._is_ahead = True
-        after = self._speeds = [2.0 * mean - speed for mean, speed in zip(means, before, strict=True)]
-        change = [(end - begin) / steps for begin, end in zip(before, after, strict=True)]
         lengths = (STRIDE,) * (steps // STRIDE) + (1,) * (steps % STRIDE)
-        ends = accumulate(lengths)
+        if self._is_ahead:
+            self._speeds = before
+            return [(length, means, before) for length in lengths]
+        self._is_ahead = True
+        self._speeds = [2.0 * mean - speed for mean, speed in zip(means, before, strict=True)]
+        change = [2.0 * (mean - speed) / steps for mean, speed in zip(means, before, strict=True)]
         return [
             (
                 length,
                 [speed + (end - 0.5 * length) * by for speed, by in zip(before, change, strict=True)],
                 [speed + end * by for speed, by in zip(before, change, strict=True)],
             )
-            for length, end in zip(lengths, ends, strict=True)
+            for length, end in zip(lengths, accumulate(lengths), strict=True)
         ]
 
     def _fail(self) -> NoReturn:

@@ -12,7 +12,7 @@ from hapticnet.errors import SettingsError
 from hapticnet.samples import Vector
 from hapticnet_mujoco.looks import Looks
 from hapticnet_mujoco.model import PREFIX, couple_pose, float_freely
-from hapticnet_mujoco.physics import Coupled, Gains, Physics, Unchanged
+from hapticnet_mujoco.physics import FORCES, Coupled, Gains, Physics, Unchanged
 from hapticnet_mujoco.rotations import NO_TURN, Quaternion, Triple, inverse, product, rotated, turned_by, vector_of
 
 FASTEST_M_PER_S: Final = 1.0
@@ -46,6 +46,9 @@ class Pose(Coupled):
         A site that is fixed to the world: its axes are meant. Default: the world's axes.
     stiffness, turning_stiffness, grip_stiffness
         Of the coupling [N/m, N·m/rad, N/m]. It is damped critically.
+    force
+        ``coupling``: force and torque of the coupling, which include the tool's inertia, and an arm's friction.
+        ``contact``: those of the contacts of the tool and its child bodies. The grip force is always the coupling's.
     key
         Keyframe to begin with.
 
@@ -62,6 +65,7 @@ class Pose(Coupled):
         stiffness: float = 1000.0,
         turning_stiffness: float = 2.0,
         grip_stiffness: float = 1000.0,
+        force: str = "coupling",
         key: str = "",
     ) -> None:
         gains = [Gains(3, stiffness, "N/m", "kg"), Gains(3, turning_stiffness, "N·m/rad", "kg·m²")]
@@ -69,6 +73,8 @@ class Pose(Coupled):
             gains.append(Gains(1, grip_stiffness, "N/m", "kg at the gripper"))
         for name, each in zip(("stiffness", "turning_stiffness", "grip_stiffness"), gains, strict=False):
             check_parameter(name, each.stiffness, 1e-6, 1e9, each.unit)
+        if force not in FORCES:
+            raise SettingsError(f"force is {force!r}; it must be {' or '.join(FORCES)}")
         own = Unchanged(str(model), str(tool), str(key))
         self.parts = ("force:3", "torque:3", "grip:1") if grip else ("force:3", "torque:3")
         point = _point_of(own, str(point))
@@ -88,6 +94,7 @@ class Pose(Coupled):
         self._turn_at_rest: Quaternion = tuple(turn.tolist())
         self._turn = self._turn_at_rest
         self._lead_s = self._damp(gains)
+        self._of_contact, self._point = force == "contact", self._model.site(point).id
         axes = own.data.site_xmat[own.fixed_site(str(frame))].reshape(3, 3).T if frame else np.eye(3)
         self._looks = Looks(self._model, self._now.data, at_m, axes)
         opening = self._now.data.actuator_length[-1:].tolist() if grip else []
@@ -118,8 +125,18 @@ class Pose(Coupled):
 
     def _felt(self, now: Physics) -> Vector:
         a, b, c, d, e, f, *grip = now.coupling_n.tolist()
+        if self._of_contact:
+            return *self._touched(now), *grip
         turn = product(inverse(self._frame), self._turn)
         return *rotated((a, b, c), turn), *rotated((d, e, f), turn), *grip
+
+    def _touched(self, now: Physics) -> Vector:
+        """Return the sum of the contact forces on the tool [N], and its torque about the point [N·m]."""
+        a, b, c, d, e, f, *at_m = now.data.sensordata[-9:].tolist()
+        x, y, z = [at - point for at, point in zip(at_m, now.data.site_xpos[self._point].tolist(), strict=True)]
+        torque = d + y * c - z * b, e + z * a - x * c, f + x * b - y * a
+        back = inverse(self._frame)
+        return *rotated((a, b, c), back), *rotated(torque, back)
 
 
 def _point_of(own: Unchanged, name: str) -> str:

@@ -10,10 +10,9 @@ from hapticnet.errors import SettingsError
 from hapticnet.samples import Vector
 from hapticnet_mujoco.looks import Looks
 from hapticnet_mujoco.model import PREFIX, axes_from, couple, slides
-from hapticnet_mujoco.physics import Coupled, Gains, Physics, Unchanged
+from hapticnet_mujoco.physics import FORCES, Coupled, Gains, Physics, Unchanged
 
 FASTEST_M_PER_S: Final = 1.0  # highest speed of the tool's goal, also when the hand jumps
-FORCES: Final = "coupling", "contact"
 
 
 class Scene(Coupled):

@@ -98,6 +98,7 @@ class Task:
     """
 
     axes: Final = 7
+    parts: Final = ("force:3", "torque:3", "grip:1")
 
     def __init__(self, task: str = "drawer+screw+pad", seed: int = 0, tremor_m: float = TYPICAL_TREMOR_RMS_M) -> None:
         names = str(task).split("+")

@@ -111,6 +111,24 @@ def test_a_pad_answers_its_closed_form():
     assert force_n[6] == pytest.approx(0.0, abs=0.05)
 
 
+@pytest.mark.parametrize("frame", ["", "view"])
+def test_contacts_answer_force_and_torque_about_the_point_and_nothing_in_free_space(tmp_path, frame):
+    floor = '<geom type="plane" size="1 1 0.1" pos="0 0 0.15"/><site name="view" euler="0 90 0"/>'
+    tool = """<body name="t" pos="0 0 0.2"><geom type="capsule" fromto="0.1 0 0 0.1 0 -0.02" size="0.01" mass="0.1"/>
+              <geom type="box" size="0.01 0.01 0.01" mass="0.2"/></body>"""
+    scene = Pose(saved(tmp_path, f"<worldbody>{floor}{tool}</worldbody>"), "t", force="contact", frame=frame)
+    assert step(scene, 0, *(0.0,) * 6) == (0.0,) * 6
+    assert step(scene, 1, 0.001, *(0.0,) * 5) == (0.0,) * 6
+    for each in range(2, 2000):
+        down_m = -0.025 * min(each / 1000, 1.0)  # the tip meets the floor, 20 mm below it
+        force = step(scene, each, *((-down_m, 0.0, 0.0) if frame else (0.0, 0.0, down_m)), 0.0, 0.0, 0.0)
+    # It pushes 5 mm and the tool turns: the coupling's two springs in series at 0.1 m
+    size_n = 0.005 / (1 / 1000.0 + 0.1**2 / 2.0)
+    # Negative where the floor pushes towards larger values; the lever is 0.1 m along x
+    expected = (size_n, 0.0, 0.0, 0.0, 0.1 * size_n, 0.0) if frame else (0.0, 0.0, -size_n, 0.0, 0.1 * size_n, 0.0)
+    assert force == pytest.approx(expected, abs=0.1 * size_n)
+
+
 @pytest.mark.parametrize("model", BENCHES)
 def test_a_step_is_short_and_so_is_a_copy_that_looks_150_ms_ahead(model):
     scene, hand = bench(model), Task("screw")
@@ -164,6 +182,7 @@ def test_a_copy_that_hurries_ends_where_the_scene_will_be(task):
         ({"frame": "here"}, "a site that is fixed to the world"),
         ({"turning_stiffness": 1e4}, "too light for a coupling of 10000 N·m/rad"),
         ({"stiffness": -1.0}, "stiffness is -1"),
+        ({"force": "both"}, "force is 'both'; it must be coupling or contact"),
         ({"key": "home"}, "has no keyframe 'home'"),
     ],
 )
