@@ -287,9 +287,10 @@ def in_words(event: NodeEvent, node: MasterNode, address: str) -> str:
     """Return an event of `node` in words for a person; `address` is the slave's."""
     if isinstance(event, Connected):
         grant, codec = event.grant, node.codec
+        scene = f"scene {grant.scene}" + (f" ({grant.frame})" if grant.frame else "")
         resumed = ", as it was left" if grant.resumed else ""
         jnd = "" if codec.name == "raw" else f" at {codec.law.multiplier:g} JND"
-        return f"connected to {address}, scene {grant.scene}{resumed}, {grant.rate_hz:g} Hz granted, {codec.name}{jnd}"
+        return f"connected to {address}, {scene}{resumed}, {grant.rate_hz:g} Hz granted, {codec.name}{jnd}"
     if isinstance(event, SettingsInForce):
         return f"in force: {settings_line(asdict(event))}"
     if isinstance(event, LinkStale):

@@ -42,6 +42,7 @@ from hapticnet.scene.base import (
     copy_method,
     lead_limit_n,
     look_ahead_of,
+    scene_frame,
     scene_parts,
     vibration_method,
 )
@@ -346,6 +347,7 @@ class Admission:
                 position_share=share,
                 predicted=predicted,
                 vibration=request.vibration is not None and vibration_method(scene) is not None,
+                frame=scene_frame(scene),
             ),
             address,
             identity,

@@ -166,6 +166,7 @@ class Grant(NamedTuple):
     position_share: float = 0.0  # as in the request; 0 if the master must send every position
     predicted: bool = False  # whether the forces are those where the hand will be when they arrive
     vibration: bool = False  # whether VIBRATION comes beside force
+    frame: str | None = None  # where the axes of the scene point, in words for a person; None: not said
 
     def __repr__(self) -> str:
         """Return the fields without the ticket, which is not for logs."""
@@ -336,9 +337,10 @@ def unpack_welcome(body: bytes) -> Welcome:
 
 def unpack_grant(packed: bytes) -> Grant:
     """Return the grant of a WELCOME; raise PeerError if it is invalid."""
-    session, rate_hz, keepalive_us, scene, ticket, resumed, announced, share, *more = unpack_body(packed, 8, optional=2)
+    session, rate_hz, keepalive_us, scene, ticket, resumed, announced, share, *more = unpack_body(packed, 8, optional=3)
     predicted = bool(more) and more[0]
     vibration = len(more) > 1 and more[1]
+    frame = more[2] if len(more) > 2 else None
     _require(is_uint32(session) and session > 0, "session", session)
     _require(_is_number(rate_hz) and RATE_HZ.has(rate_hz), "rate", rate_hz)
     _require(type(keepalive_us) is int and KEEPALIVE_US.has(keepalive_us), "keepalive interval", keepalive_us)
@@ -349,7 +351,8 @@ def unpack_grant(packed: bytes) -> Grant:
     _require(_is_number(share) and POSITION_SHARE.has(share), "share of positions", share)
     _require(type(predicted) is bool, "predicted", predicted)
     _require(type(vibration) is bool, "vibration", vibration)
-    asked = announced, float(share), predicted, vibration
+    _require(frame is None or _is_text(frame, NAME_BYTES), "frame", frame)
+    asked = announced, float(share), predicted, vibration, frame
     return Grant(session, float(rate_hz), keepalive_us, scene, ticket, resumed, *asked)
 
 

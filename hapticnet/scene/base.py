@@ -44,6 +44,7 @@ class Touchable(Protocol):
     newtons. **It then moves to places where the hand may never be.**
 
     If it has an attribute ``parts`` that is not empty, its positions and forces have those parts (`hapticnet.parts`).
+    If it has an attribute ``frame``, that tells the person at the master where its axes point, in at most 64 bytes.
     """
 
     @property
@@ -101,6 +102,12 @@ def lead_limit_n(scene: Touchable) -> float:
     return float(getattr(scene, "moves_ahead_n", 0.0))
 
 
+def scene_frame(scene: Touchable) -> str | None:
+    """Return where the axes of a scene point, in words; None if it does not say."""
+    frame: str | None = getattr(scene, "frame", None)
+    return frame
+
+
 def scene_parts(scene: Touchable) -> Parts:
     """Return the parts of a scene's positions and forces; none if they are one force."""
     parts: Parts = getattr(scene, "parts", ())
@@ -127,7 +134,8 @@ class UserScene:
 
     Its ``step(sample)`` is called with a `PositionSample` and returns a `ForceSample`, a number, or a sequence of
     numbers, one for each axis [N]. Optional attributes: ``axes`` (1 to 3; default 1) or ``parts``, such as
-    ``("force:3", "torque:3", "grip:1")``; ``name``, ``breaches`` and ``moves_ahead_n``; optional methods:
+    ``("force:3", "torque:3", "grip:1")``; ``name``, ``frame`` (where the axes point, in words), ``breaches`` and
+    ``moves_ahead_n``; optional methods:
     ``welcome(master)``, ``next_line()``, ``report()``, ``ahead()``, ``stiffness_bound()``, ``copy()``,
     ``vibration(start_us, samples, rate_hz)`` and ``shapes()``. `what` names the object in messages, such as "scene
     own.py:Mine". Raise SettingsError if ``step`` cannot be called with one argument, or an attribute cannot be used.
@@ -140,6 +148,7 @@ class UserScene:
         "ahead",
         "axes",
         "copy",
+        "frame",
         "moves_ahead_n",
         "name",
         "next_line",
@@ -157,10 +166,8 @@ class UserScene:
         self._step: Callable[[PositionSample], Any] = method_of(touched, "step(sample)", what)
         self._method = f"{type(touched).__name__}.step"
         self.axes, self.parts = declared(touched, what)
-        name = attribute_of(touched, "name", type(touched).__name__, what)
-        if not isinstance(name, str) or not name.isprintable() or not 0 < len(name.encode()) <= LONGEST_NAME:
-            raise SettingsError(f"{what}: name is {short(name)}; it must be text, 1 to {LONGEST_NAME} printable bytes")
-        self.name = name
+        self.name = _text(touched, "name", type(touched).__name__, what) or ""
+        self.frame = _text(touched, "frame", None, what)
         # The object's methods of these names; None if it has none
         self.ahead: LookAhead | None = self._optional("ahead")
         self.next_line: Callable[[], str | None] | None = self._optional("next_line")
@@ -221,6 +228,16 @@ class UserScene:
                 raise failure(what, error) from error
 
         return call
+
+
+def _text(touched: HasStep, name: str, default: str | None, what: str) -> str | None:
+    """Return an attribute that is text, or `default`; raise SettingsError if it cannot travel to a master."""
+    text = attribute_of(touched, name, default, what)
+    if text is None and default is None:
+        return None
+    if not isinstance(text, str) or not text.isprintable() or not 0 < len(text.encode()) <= LONGEST_NAME:
+        raise SettingsError(f"{what}: {name} is {short(text)}; it must be text, 1 to {LONGEST_NAME} printable bytes")
+    return text
 
 
 def _copying(

@@ -9,6 +9,7 @@ import pytest
 import hapticnet as hn
 from hapticnet.channel.emulator import Emulator
 from hapticnet.channel.spec import parse_channel
+from hapticnet.cli.master import in_words
 from hapticnet.control.couplings import EnergyBounded
 from hapticnet.device.user import UserActuator
 from hapticnet.errors import SettingsError, UnavailableError
@@ -208,3 +209,16 @@ def test_a_device_renders_the_first_part_and_a_page_shows_it():
     assert max(pressed) > 3.0
     assert master.held_n[5] != 0.0
     assert ticks._rows[-1][3] == pytest.approx(abs(master.held_n[0]))
+
+
+def test_the_person_is_told_where_the_axes_of_a_scene_point():
+    class Table(Knob):
+        frame = "x away from you, z up"
+
+    link = hn.virtual_link(scene=Table(), operator=Turning())
+    link.run(seconds=0.1)
+    connected = link._loopback.master.next_event()
+    assert connected.grant.frame == "x away from you, z up"
+    assert "scene Table (x away from you, z up), 1000 Hz" in in_words(connected, link._loopback.master, "here")
+    with pytest.raises(SettingsError, match="frame is 3; it must be text"):
+        UserScene(SimpleNamespace(step=lambda _: 0.0, frame=3))

@@ -41,6 +41,7 @@ POSED = [
     [["force:3", "torque:3", "grip:1"], {"torque": [0.1, 0.006]}],
 ]
 VIBRATES = [SESSION + 3, *GRANT[1:], False, True]
+FRAMED = [SESSION + 4, *GRANT[1:], False, False, "x away from you, z up"]
 RESUMED = [SESSION + 1, 500.0, 45_000, "three axes", TICKET, True, True, 0.25]
 
 
@@ -76,6 +77,7 @@ OPENING = [
     ("welcome that resumes", "goes on with a scene", WELCOME, SESSION + 1, [NONCE + 1, packed(RESUMED)], RESUMED),
     ("welcome that predicts", "the same", WELCOME, SESSION + 2, [NONCE, packed(PREDICTED)], PREDICTED),
     ("welcome with vibration", "the same", WELCOME, SESSION + 3, [NONCE, packed(VIBRATES)], VIBRATES),
+    ("welcome with a frame", "the same", WELCOME, SESSION + 4, [NONCE, packed(FRAMED)], FRAMED),
     ("refuse", "", REFUSE, 0, [NONCE, "unknown codec 'mp3'; there are: raw, deadband", 2], None),
 ]
 """Name, note, kind, session, fields, contents; the sequence is 0."""

@@ -207,10 +207,12 @@ def requests():
 
 def grants():
     yield "as it is", GRANT, "taken"
-    yield "fields of a later revision", [*GRANT, False, False, 7], "taken"
+    yield "fields of a later revision", [*GRANT, False, False, None, 7], "taken"
     yield "predicted is 1", [*GRANT, 1], "dropped"
     yield "predicted, which was not asked for", [*GRANT, True], "dropped"
     yield "vibration is 1", [*GRANT, False, 1], "dropped"
+    yield "a frame that is a number", [*GRANT, False, False, 3], "dropped"
+    yield "a frame of 65 bytes", [*GRANT, False, False, "x" * 65], "dropped"
     yield "vibration, which was not asked for", [*GRANT, False, True], "dropped"
     yield "seven fields", GRANT[:7], "dropped"
     yield "announced, which was not asked for", [*GRANT[:6], True, 0.0], "dropped"
