@@ -159,7 +159,7 @@ export function drawWanted(context, scene, needle, wantedM) {
  */
 export function drawForce(context, from, push, forceN, { width, height }) {
   const length = Math.hypot(push.x, push.y) * ARROW_PX_PER_N;
-  if (!(Math.abs(forceN) > 0.02)) return;
+  if (!(Math.abs(forceN) > 0.03)) return; // what a deadband may leave at rest
   const inside = (at, by, size) => (by > 0 ? size - ARROW_ROOM_PX - at : by < 0 ? ARROW_ROOM_PX - at : Infinity) / by;
   const [x, y] = [push.x * ARROW_PX_PER_N, push.y * ARROW_PX_PER_N];
   const share = Math.max(0, Math.min(1, inside(from.x, x, width) || 1, inside(from.y, y, height) || 1));
