@@ -76,7 +76,7 @@ class Node(SimpleNamespace):
         received = SimpleNamespace(by_kind=[0] * 10)
         super().__init__(
             position_m=None, received_n=zero, held_n=zero, target_n=0.0, sensed_n=0.0, displacement_m=0.0,
-            session=SimpleNamespace(received=received),
+            session=SimpleNamespace(received=received), first_axes=axes,
         )  # fmt: skip
 
 
