@@ -22,6 +22,7 @@ BENCHMARKS: Final = (
     Benchmark("teleoperation", "", "--quick --seeds 1"),
     Benchmark("announced", "", "--quick --seeds 1"),
     Benchmark("stability", "", "--quick"),
+    Benchmark("vibration", "", "--seconds 3 --seeds 1"),
     Benchmark("codec_stability", "--seconds 5 --seeds 3", "--quick"),
     Benchmark("force_loop", "--seeds 5", "--quick --seeds 1"),
     Benchmark("finger_limit", "--seeds 2", "--quick --seeds 1"),

@@ -18,7 +18,7 @@ from hapticnet.node.positions import Forward
 from hapticnet.node.procedures import FirstTouch
 from hapticnet.node.recording import DATAGRAM_COLUMNS, IN, OUT, Recording, frame_kind, master_columns
 from hapticnet.node.settings import MasterSettings
-from hapticnet.node.step_times import Clock, StepTimes, no_wait
+from hapticnet.node.step_times import NOT_TIMED, Clock, StepTimes, no_wait
 from hapticnet.node.vibration import VibrationPlayer
 from hapticnet.operator.base import Operator, operator_parts
 from hapticnet.parts import PartsLaw, law_numbers, with_numbers
@@ -96,6 +96,7 @@ class MasterNode:
         self.age = self._applied.age  # age [µs] of the force that is applied, in each tick
         self._operator_time = self.times.of(getattr(operator, "what", "the operator"))
         self._device_time = self.times.of(self._rendering.what)
+        self._vibration_time = self.times.of("vibration") if settings.vibration else NOT_TIMED
         self._codec_time = self.times.of_codec(self._codec)
         fingertip = self._rendering.with_loop
         # largest force [N] requested from the device; None without one that renders forces by a force loop
@@ -238,9 +239,9 @@ class MasterNode:
 
     def _shake(self, vibration: VibrationPlayer, now_us: int) -> None:
         """Play the vibration that is due; none while the link is stale or the operator is paused."""
-        self._device_time.begin()
+        self._vibration_time.begin()
         vibration.drive(now_us, mute=self.paused is not None or self.session.state is not MasterState.ESTABLISHED)
-        self._device_time.end(self.period_us)
+        self._vibration_time.end(self.period_us)
 
     def _take_vibration(self, event: VibrationArrived, now_us: int) -> None:
         if self.vibration is not None:
