@@ -17,7 +17,7 @@ from hapticnet.codec.registry import parse_codec
 from hapticnet.errors import RefusedError, RunError, UnavailableError
 from hapticnet.experiment.provenance import provenance
 from hapticnet.node.events import Failed, HeldBack, NodeEvent, Paused, Resumed, SettingsInForce
-from hapticnet.node.fingertip import DeviceFound, DeviceLost, FingerMet, FingerNotMet, ForceFault
+from hapticnet.node.fingertip import MAY_SWING, DeviceFound, DeviceLost, FingerMet, FingerNotMet, ForceFault
 from hapticnet.node.master import MasterNode
 from hapticnet.node.settings import MasterSettings
 from hapticnet.node.step_times import StepsTooSlow
@@ -176,7 +176,7 @@ def join(given: MasterOptions) -> None:
         emulated = {way: None if each is None else each.settings.describe() for way, each in emulators.items()}
         node.emulate(**emulated)
         for line in node.adaptations:
-            console.say(line)
+            (console.warn if line == MAY_SWING else console.say)(line)
         messages = MasterMessages(console, node, str(address), keys)
         watchers: list[Watcher[NodeEvent]] = [messages, *hand.watchers]
         if served is not None:

@@ -146,7 +146,7 @@ def _haply(spec: str, say: Callable[[str], None], warn: Callable[[str], None]) -
     if not address.startswith(("127.", "localhost:", "[::1]:")):
         warn(f"whoever answers at {address} can move the tool; the connection there is not encrypted")
     operator = HaplyOperator(settings)
-    return Hand(operator, None, [HaplyPort(operator, address, say)])
+    return Hand(operator, None, [HaplyPort(operator, address, say, warn)])
 
 
 def _remote(spec: str, say: Callable[[str], None], warn: Callable[[str], None]) -> Hand:

@@ -77,7 +77,14 @@ class Predictive(Protocol):
         """Return what `reconstruct` would return at a future time and position [m], without changing the state."""
 
 
-CLASS_VARIABLES: Final = ("name", "needs_position", "builds_on_earlier", "receiver_has_tables", "steps")
+CLASS_VARIABLES: Final = (
+    "name",
+    "needs_position",
+    "builds_on_earlier",
+    "receiver_has_tables",
+    "renders_model",
+    "steps",
+)
 
 
 class Description(type):
@@ -103,7 +110,11 @@ class Encoding(NamedTuple):
 
 
 class Codec(Protocol):
-    """A compression scheme with its parameters. Fields other than `law` are its negotiable parameters."""
+    """A compression scheme with its parameters. Fields other than `law` are its negotiable parameters.
+
+    Optional: ``renders_model``, whether the receiver renders a model of what is touched. Such a codec reproduces only
+    the forces that its model can make, so its error has no threshold.
+    """
 
     name: ClassVar[str]
     needs_position: ClassVar[bool]

@@ -33,6 +33,7 @@ class Scheme(metaclass=Description):
     """Whether a receiver that missed an update must refuse those after it."""
     receiver_has_tables: ClassVar[bool] = False
     """Whether the receiver also uses the tables of its rule."""
+    renders_model: ClassVar[bool] = False
     steps: ClassVar[Steps]
     law: WeberLaw
 

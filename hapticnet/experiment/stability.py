@@ -213,7 +213,10 @@ def press(setup: Setup, stiffness_n_per_m: float | None, round_trip_s: float, *,
     while not link.master.finished and (not hand.t_us or hand.t_us[-1] < ends_us):
         link.run(20_000)
         if not hand.t_us and link.now_us > 1e6 * WAIT_S:
-            raise SettingsError(f"no session within {WAIT_S:g} s of virtual time; the link loses too much")
+            raise SettingsError(
+                f"no session begins within {WAIT_S:g} s over a round trip of {round_trip_s:g} s with"
+                f" {setup.channel.describe()} each way: shorten the round trip, or reduce jitter and loss"
+            )
     context = link.slave.contexts[-1]
     slave, master = (each.recording.table() if each.recording is not None else {} for each in (context, link.master))
     # What the hand says at a tick was applied since the tick before it.

@@ -2,7 +2,7 @@
 
 import math
 from dataclasses import dataclass, replace
-from typing import Any, TypeAlias
+from typing import Any, Final, TypeAlias
 
 from hapticnet.capabilities import Capabilities
 from hapticnet.control.force import ForceController
@@ -50,6 +50,8 @@ class FingerNotMet:
 
     reason: str
 
+
+MAY_SWING: Final = "this device pushes the hand, and a late force can make it swing: try --coupling energy-bounded"
 
 FingertipEvent: TypeAlias = DeviceLost | DeviceFound | ForceFault | FingerMet | FingerNotMet
 
@@ -262,7 +264,7 @@ class Rendering:
         if moved is not None and moved.max_force_n != math.inf:
             lines.append(moved.adaptation("the device in the hand", moved.axes, range(moved.axes), moved.max_force_n))
         if settings.coupling == "direct" and any(each is not None and each.grounded for each in (own, moved)):
-            lines.append("a device that moves the hand may swing by a late force: see --coupling")
+            lines.append(MAY_SWING)
         return lines
 
     def press(self, held_n: Vector, ahead_n: Vector, now_us: int, *, counts: bool) -> tuple[float, float, float]:

@@ -139,7 +139,7 @@ class HaplyOperator:
         self._felt, self._felt_us = False, -FELT_US
         self._commanded_us, self._answer_us = 0, 0.0  # last command; mean time [µs] to its answer
         self._key = "vector"
-        self._lines: deque[str] = deque()
+        self._messages: deque[tuple[str, bool]] = deque()
         self._told_us: dict[str, int] = {}
 
     @property
@@ -189,7 +189,8 @@ class HaplyOperator:
             self.device_id = found_id
         if self.fault is not None:
             self.fault = None
-            self._tell(f"Inverse3 {self.device_id} holds the tool, at most {self.capabilities.max_force_n:g} N", now_us)
+            most_n = self.capabilities.max_force_n
+            self._tell(f"Inverse3 {self.device_id} holds the tool, at most {most_n:g} N", now_us, warns=False)
         if clutched:
             self._held_us = None
             return
@@ -225,14 +226,14 @@ class HaplyOperator:
         share = min((now_us - self._held_us) / RISE_US, 1.0)
         return self.capabilities.limited(self._force_n, self._applied_n, step_us, share)
 
-    def _tell(self, line: str, now_us: int) -> None:
+    def _tell(self, line: str, now_us: int, *, warns: bool = True) -> None:
         if now_us - self._told_us.get(line, -LINES_EVERY_US) >= LINES_EVERY_US:
             self._told_us[line] = now_us
-            self._lines.append(line)
+            self._messages.append((line, warns))
 
-    def next_line(self) -> str | None:
-        """Return the next message for a person, or None."""
-        return self._lines.popleft() if self._lines else None
+    def next_message(self) -> tuple[str, bool] | None:
+        """Return the next message for a person, and whether it is a warning; None if there is none."""
+        return self._messages.popleft() if self._messages else None
 
     def report(self) -> dict[str, Any]:
         """Return the report of this operator for JSON."""

@@ -28,8 +28,10 @@ class HaplyPort(Watcher[NodeEvent]):
 
     name = "haply operator"
 
-    def __init__(self, hand: HaplyOperator, address: str, say: Callable[[str], None]) -> None:
-        self._hand, self._address, self._say = hand, address, say
+    def __init__(
+        self, hand: HaplyOperator, address: str, say: Callable[[str], None], warn: Callable[[str], None]
+    ) -> None:
+        self._hand, self._address, self._say, self._warn = hand, address, say, warn
         self._due = asyncio.Event()
         self._ending = False
 
@@ -41,8 +43,8 @@ class HaplyPort(Watcher[NodeEvent]):
         """Let the next command leave."""
         self._hand.observe(now_us)
         self._due.set()
-        while (line := self._hand.next_line()) is not None:
-            self._say(line)
+        while (message := self._hand.next_message()) is not None:
+            (self._warn if message[1] else self._say)(message[0])
 
     async def stop(self) -> None:
         """Set the force to zero, and close the connection once the service has answered."""

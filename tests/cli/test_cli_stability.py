@@ -53,6 +53,8 @@ def test_a_scene_is_pressed_instead_of_walls_and_json_has_every_figure(run):
         (("--scene", "papper"), "did you mean 'paper'?"),
         (("--scene", "phantom", "--delays", "0ms"), "a map presses on one axis"),
         (("--loss", "5 percent"), "is not a share such as 2%"),
+        (("--delays", "100s"), "no session begins within 10 s over a round trip of 100 s"),
+        (("--jitter", "5s", "--delays", "0s"), "over a round trip of 0 s with jitter=normal:5s,loss=0% each way"),
         (("--plot", "map.bmp"), "figure format is 'bmp'"),
     ],
 )

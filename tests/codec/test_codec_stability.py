@@ -33,7 +33,7 @@ def on_axes(stimuli: np.ndarray, axes: int) -> np.ndarray:
     return np.column_stack([stimuli, np.roll(stimuli, 7), -stimuli][:axes])
 
 
-@pytest.mark.parametrize("name", [name for name in CODECS if name != "model-mediated"])
+@pytest.mark.parametrize("name", [name for name, codec in CODECS.items() if not codec.renders_model])
 @laws
 @pytest.mark.parametrize("axes", [1, 3])
 def test_in_motion_too_no_force_is_applied_that_is_much_larger_than_any_before(name, law, axes):

@@ -83,4 +83,5 @@ def test_over_a_link_only_a_hand_that_yields_to_a_late_force_swings(operator, de
     _, seen = watch(ticks["held_n"], ticks["position_m"])
     assert bool(seen) is swings
     if swings:  # before it is large
-        assert ticks["held_n"][: seen[0]].max() < 0.3 * ticks["held_n"].max()
+        assert ticks["held_n"][: seen[0]].max() < 4.0
+        assert ticks["held_n"].max() > 20.0

@@ -60,6 +60,7 @@ def test_a_hand_swings_in_real_time_as_in_virtual_time(between, coupling, pressi
     )  # fmt: skip
     assert master.process.wait(60) == 0, master.said()
     assert slave.end() == 0
+    assert ("warning master: this device pushes the hand" in master.said()) == (coupling == "direct")
     expected_m, found_m = virtual(scene, motion, coupling), swing_m(read_csv(record))
     if coupling == "direct":
         assert expected_m > 0.05

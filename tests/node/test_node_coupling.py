@@ -10,6 +10,7 @@ import pytest
 from hapticnet.api.link import virtual_link
 from hapticnet.control import couplings
 from hapticnet.errors import PeerError, SettingsError, UnavailableError
+from hapticnet.node.coupled import CouplingFailedError
 from hapticnet.node.events import HeldBack
 from hapticnet.node.settings import MasterSettings
 from hapticnet.node.slave import SlaveNode
@@ -142,6 +143,62 @@ def test_a_coupling_that_fails_ends_the_session_without_a_force(make_wall, monke
     with pytest.raises(UnavailableError, match="the coupling failed: RuntimeError: no more"):
         link.run(seconds=0.2)
     assert link.master_samples()["held_n"][-1] == 0.0
+
+
+@pytest.mark.parametrize("method", ["forward_bytes", "feedback_bytes", "master"])
+def test_a_coupling_that_cannot_be_made_at_the_master_is_one_line(make_wall, monkeypatch, method):
+    monkeypatch.setattr(Offset, method, lambda *_: 1 / 0)
+    with pytest.raises(CouplingFailedError, match="the coupling failed: ZeroDivisionError"):
+        virtual_link(scene=make_wall(200.0), operator=Still(), coupling="offset")
+
+
+@pytest.mark.parametrize(
+    ("method", "length"), [("forward_bytes", 2.5), ("feedback_bytes", -1), ("feedback_bytes", "4")]
+)
+def test_an_impossible_length_of_data_is_refused_at_both_sides(make_wall, monkeypatch, method, length):
+    link = virtual_link(scene=make_wall(200.0), operator=Still(), coupling="offset")
+    monkeypatch.setattr(Offset, method, lambda *_: length)
+    link.run(seconds=0.2)
+    assert link._loopback.master.refused
+    assert "the coupling failed" in link._loopback.master.end_reason
+    with pytest.raises(CouplingFailedError, match="the coupling failed"):
+        virtual_link(scene=make_wall(200.0), operator=Still(), coupling="offset")
+
+
+def test_an_end_without_a_count_of_what_it_held_back_is_named(make_wall, monkeypatch):
+    monkeypatch.setattr(Offset, "master", lambda *_: OffsetSlave())
+    with pytest.raises(CouplingFailedError, match="'OffsetSlave' object has no attribute 'held_back'"):
+        virtual_link(scene=make_wall(200.0), operator=Still(), coupling="offset")
+
+
+@pytest.mark.parametrize("broken", ["incoming", "outgoing"])
+def test_the_coupling_is_blamed_for_its_data_and_not_the_codec(make_wall, monkeypatch, broken):
+    link = virtual_link(scene=make_wall(200.0), operator=Still(), coupling="offset")
+    monkeypatch.setattr(OffsetMaster, broken, lambda *_: 1 / 0)
+    with pytest.raises(UnavailableError, match="the session ended: the coupling failed: ZeroDivisionError"):
+        link.run(seconds=0.2)
+
+
+def test_data_of_another_length_than_stated_ends_the_session(make_wall, monkeypatch):
+    link = virtual_link(scene=make_wall(200.0), operator=Still(), coupling="offset")
+    monkeypatch.setattr(OffsetMaster, "outgoing", lambda *_: b"abc")
+    with pytest.raises(UnavailableError, match="its data is b'abc'; it must have 8 bytes"):
+        link.run(seconds=0.2)
+
+
+def test_a_master_whose_next_session_cannot_have_an_end_fails_in_one_line(make_wall, monkeypatch):
+    link = virtual_link(scene=make_wall(200.0), operator=Still(), coupling="offset")
+    link.run(seconds=0.2)
+    monkeypatch.setattr(Offset, "master", lambda *_: 1 / 0)
+    link._loopback.master.change(codec="raw")
+    with pytest.raises(UnavailableError, match="the coupling failed: ZeroDivisionError"):
+        link.run(seconds=0.2)
+
+
+def test_a_coupling_with_a_slave_and_no_lengths_is_refused_by_name(monkeypatch):
+    monkeypatch.delattr(Offset, "feedback_bytes")
+    with pytest.raises(SettingsError, match=r"'offset' has slave\(\), so it needs forward_bytes\(\) and feedback_b"):
+        MasterSettings(coupling="offset")
 
 
 def test_an_arm_that_oscillates_over_a_delay_comes_to_rest_within_the_bound(make_wall):

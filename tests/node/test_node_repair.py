@@ -13,7 +13,7 @@ from hapticnet.samples import ForceSample
 from tests.conftest import linked
 from tests.peers import Still, events_of
 
-CODECS = [name for name in every_codec() if name != "model-mediated"]  # it renders a wall
+CODECS = [name for name, codec in every_codec().items() if not codec.renders_model]
 DELAY_US = 60_000
 ROUND_TRIP_US = 2 * DELAY_US
 

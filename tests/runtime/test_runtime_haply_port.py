@@ -53,7 +53,8 @@ def test_the_hand_rests_where_its_spring_and_the_scaled_wall_balance(held, scale
         assert master.end(signal.SIGTERM) == 0
         assert device.forces[1][1] == device.force == 0.0
     assert master.report()["operator"]["states"] > 100
-    assert "Inverse3 049D holds the tool, at most 4 N" in master.said()
+    assert "info master: Inverse3 049D holds the tool, at most 4 N" in master.said()
+    assert master.said().count("try --coupling energy-bounded") == 1
 
 
 def test_every_fault_takes_the_force_away_with_one_line_and_it_returns_slowly(held):
@@ -106,5 +107,5 @@ def test_another_device_and_a_missing_service_are_one_line_each(held):
         master.wait_for("has no Inverse3; the force is zero")
         device.fault = ""
         master.wait_for("Inverse3 049D holds the tool")
-    master.wait_for(f"no Haply service at {device.address}; the force is zero")
+    master.wait_for(f"warning master: no Haply service at {device.address}; the force is zero")
     assert master.end(signal.SIGTERM) == 0

@@ -7,8 +7,10 @@ import aiohttp
 import numpy as np
 import pytest
 
+from hapticnet.control.swing import SwingWatch
 from hapticnet.operator.scripted import InsertionSettings, ScriptedOperator
 from hapticnet.operator.yielding import scripted_yielding
+from hapticnet.perception import WeberLaw
 from hapticnet.scene.settings import SceneSettings, Tissue
 from hapticnet.web import messages
 from hapticnet.web.messages import CloseCode
@@ -82,6 +84,21 @@ async def test_the_operator_view_gets_nothing_that_gives_an_answer_away():
             assert not any(name in json.dumps(message) for message in operator.json), name
 
 
+def swings(client):
+    """Return the warnings that the hand begins to swing."""
+    return [each for each in client.json if "begins to swing" in each.get("text", "")]
+
+
+def seen_s(ticks):
+    """Return the time [s] of the first of these ticks at which the hand swings."""
+    port = SwingWatch()
+    for t_s, force_n, position_m in zip(ticks["t"], ticks["held"], ticks["position"], strict=True):
+        port.add(round(1e6 * t_s), (force_n,), (position_m,), WeberLaw())
+        if port.swings(round(1e6 * t_s)):
+            return t_s
+    raise AssertionError("no swing was seen")
+
+
 @played
 async def test_a_hand_that_yields_shows_its_energy_and_a_warning_before_it_swings_far():
     hand = scripted_yielding("hand:finger", 1, 3, np.random.default_rng(1))
@@ -91,12 +108,13 @@ async def test_a_hand_that_yields_shows_its_energy_and_a_warning_before_it_swing
         run.open("watch") as client,
     ):
         await client.say("set", delay_ms=10)
-        await until(lambda: any("begins to swing" in each.get("text", "") for each in client.json))
+        await until(lambda: swings(client))
         state = await client.hear("state", delay_ms=10.0)
         await until(lambda: client.last("state")["port"]["created_j"] > 0.01)
         assert state["port"].keys() == {"put_in_j", "given_back_j", "created_j", "swings"}
         assert "--coupling energy-bounded" in run.said[-1]
-        assert max(client.columns()["held"]) < 60.0
+        # How large the swing is when it is seen depends on this machine; tests/control bounds it in virtual time.
+        assert 0.0 <= swings(client)[0]["t_s"] - seen_s(client.columns()) < 0.3
         await client.say("set", delay_ms=0)
         await client.hear("state", delay_ms=0.0)
         assert client.last("state")["port"]["created_j"] < 0.01  # since the change

@@ -24,23 +24,20 @@ class IssSlave:
     def __init__(self, port: Port, lead_s: float, scale: float) -> None:
         self._lead_s, self._scale = lead_s, scale
         self._touch = Touch(port.axes)
-        self._tool_m: Vector = ()
-        self._t_us: int | None = None
-        self._elapsed_s = 0.0
 
     def command(self, position_m: Vector, t_us: int, data: bytes) -> Vector:  # noqa: ARG002
         """Return the received position [m], less what the tool yields: x − F/µ."""
-        self._elapsed_s = 0.0 if self._t_us is None else 1e-6 * (t_us - self._t_us)
-        self._t_us, self._tool_m = t_us, position_m
-        if stiffness := self._scale * self._touch.largest_stiffness:
-            self._tool_m = along(position_m, -1.0 / stiffness, self._touch.force_n)
-        return self._tool_m
+        touch = self._touch
+        touch.step(t_us)
+        stiffness = self._scale * touch.largest_stiffness
+        touch.tool_m = along(position_m, -1.0 / stiffness, touch.force_n) if stiffness else position_m
+        return touch.tool_m
 
     def answer(self, force_n: Vector) -> tuple[Vector, bytes]:
         """Return F + τ·dF/dt [N]."""
-        change_n = minus(force_n, self._touch.force_n)
-        self._touch.feel(self._tool_m, force_n)
-        return (along(force_n, self._lead_s / self._elapsed_s, change_n) if self._elapsed_s > 0.0 else force_n), b""
+        change_n, elapsed_s = minus(force_n, self._touch.force_n), self._touch.elapsed_s
+        self._touch.feel(force_n)
+        return (along(force_n, self._lead_s / elapsed_s, change_n) if elapsed_s > 0.0 else force_n), b""
 
 
 @dataclass(frozen=True, slots=True)

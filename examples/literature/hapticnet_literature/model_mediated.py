@@ -246,6 +246,7 @@ class ModelMediated(Scheme):
 
     name: ClassVar[str] = "model-mediated"
     needs_position: ClassVar[bool] = True
+    renders_model: ClassVar[bool] = True
     steps: ClassVar[Steps] = Steps(
         start_sender=start,
         watch=watch,

@@ -10,8 +10,9 @@ E = Σ F·dx where that is positive, and send the sum. A controller at each end 
   J.-H. Ryu, "Compensating position drift in Time Domain Passivity Approach based teleoperation", IEEE Haptics
   Symposium 2014.
 
-The next movement of the hand is taken to be like the last, and the scene to be as stiff as in the last movement. What
-is given out too much because that was wrong is held back later. Above twice the hand's mass over the period of a tick a
+The next movement of the hand is taken to be like the last, and the scene to be as stiff as in the last movement. Where
+that is wrong, too much is given out, and held back later: at most one tick's at the master, when the hand turns, and at
+the slave the tool's first step into a contact. Above twice the hand's mass over the period of a tick a
 sampled damper shakes the hand instead of damping it; a bound of α helps, and lets energy out that has not gone in.
 """
 
@@ -103,29 +104,29 @@ class TdpaSlave:
         self._reported = Totals(1, STEP_J)
         self._reported_j = 0.0
         self._touch = Touch(port.axes)
-        self._tool_m: Vector = ()
 
     def command(self, position_m: Vector, t_us: int, data: bytes) -> Vector:  # noqa: ARG002
         """Return the position [m] nearest to the received one that the energy allows."""
         self._reported_j = max(self._reported_j, *self._reported.receive(data))
-        touch, self._tool_m = self._touch, position_m
+        touch = self._touch
+        touch.tool_m = position_m
         if touch.position_m is not None and touch.force_n != (0.0,) * len(position_m):
             move_m = minus(position_m, touch.position_m)
             share = self._share(dot(touch.force_n, move_m), 0.5 * touch.stiffness * dot(move_m, move_m))
-            self._tool_m = along(touch.position_m, share, move_m)
-        return self._tool_m
+            touch.tool_m = along(touch.position_m, share, move_m)
+        return touch.tool_m
 
     def answer(self, force_n: Vector) -> tuple[Vector, bytes]:
         """Return the scene's force, and the energy that has gone into the network here."""
         touch = self._touch
         if touch.position_m is not None:
             # The mean of both ends, so that a spring gives back what it took.
-            work_j = 0.5 * dot(plus(touch.force_n, force_n), minus(self._tool_m, touch.position_m))
+            work_j = 0.5 * dot(plus(touch.force_n, force_n), minus(touch.tool_m, touch.position_m))
             if work_j > 0.0:
                 self.given_out_j += work_j
             else:
                 self.taken_in_j -= work_j
-        touch.feel(self._tool_m, force_n)
+        touch.feel(force_n)
         return force_n, packed((self.taken_in_j,), STEP_J)
 
     def _share(self, first_j: float, second_j: float) -> float:

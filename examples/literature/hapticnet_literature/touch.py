@@ -12,14 +12,23 @@ class Touch:
     """The tool of a coupling at the slave; the scene is taken for a flat spring where it was last in contact."""
 
     def __init__(self, axes: int) -> None:
-        self.position_m: Vector | None = None  # None before the first command
+        self.position_m: Vector | None = None  # where the force was felt [m]; None before the first answer
+        self.tool_m: Vector = ()  # where the tool was moved to [m]
+        self.elapsed_s = 0.0  # time between the newest two commands [s]
+        self._t_us: int | None = None
         self.force_n: Vector = (0.0,) * axes
         self.stiffness = 0.0  # |dF/dx| [N/m] of the newest movement in contact
         self.largest_stiffness = 0.0
         self._contact_m = self._contact_n = self.force_n  # newest place with a force
 
-    def feel(self, position_m: Vector, force_n: Vector) -> None:
-        """Note the scene's force at the place where the tool now is."""
+    def step(self, t_us: int) -> None:
+        """Note the time [µs] of a command."""
+        self.elapsed_s = 0.0 if self._t_us is None else max(1e-6 * (t_us - self._t_us), 0.0)
+        self._t_us = t_us
+
+    def feel(self, force_n: Vector) -> None:
+        """Note the scene's force [N] at the place where the tool now is."""
+        position_m = self.tool_m
         touches, touched = magnitude(force_n) > 0.0, magnitude(self.force_n) > 0.0
         move_m = 0.0 if self.position_m is None else distance(position_m, self.position_m)
         if move_m > SMALLEST_MOVE_M:

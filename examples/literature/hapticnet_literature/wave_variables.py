@@ -10,6 +10,10 @@ slave's end is matched, with a damper b beside the scene; a filter keeps pulses 
 with P_s = ∫F_s dt of the scene's force F_s, which is also the returning wave. P_s is sent back, and replaces what the
 master has summed of a force that was held over losses or silence.
 
+Over loss and jitter no more energy comes out than has gone in, but for what the tool's first step into a contact gives.
+The integral makes this so: after lost positions the slave applies the mean of the missing waves, which has less energy
+than they had, and what a held force has added to the master's wave is taken out again when P_s arrives.
+
 The published impedance is 0.3 N·s/m (S. Bernhard, chai3d, examples/GLFW/32-spring). A delay T each way shows the hand a
 compliance of T/b before the scene's own.
 """
@@ -92,32 +96,28 @@ class WaveSlave:
         self._wave_n_s: Vector = ()  # wave after the filter
         self._given_n_s: Vector = (0.0,) * port.axes  # ∫F_s dt [N·s]
         self._touch = Touch(port.axes)
-        self._tool_m: Vector = ()
-        self._t_us = 0
-        self._elapsed_s = 0.0
 
     def command(self, position_m: Vector, t_us: int, data: bytes) -> Vector:
         """Return where the wave moves the tool [m] until its force and that of damper and scene are equal."""
         arrived_n_s = along(self._received.receive(data), self._impedance, position_m)
         touch, double = self._touch, 2.0 * self._impedance
+        touch.step(t_us)
         if touch.position_m is None:
             self._wave_n_s, self._begun_n_s = arrived_n_s, along(arrived_n_s, -double, position_m)
-            self._tool_m, self._elapsed_s = position_m, 0.0
+            touch.tool_m = position_m
         else:
-            self._elapsed_s = max(1e-6 * (t_us - self._t_us), 0.0)
-            share = 1.0 - math.exp(-self._elapsed_s / self._filter_s) if self._filter_s else 1.0
+            share = 1.0 - math.exp(-touch.elapsed_s / self._filter_s) if self._filter_s else 1.0
             self._wave_n_s = along(self._wave_n_s, share, minus(arrived_n_s, self._wave_n_s))
             free_m = times(minus(minus(self._wave_n_s, self._begun_n_s), self._given_n_s), 1.0 / double)
             # The scene's force at the end of the step moves the tool; that at its begin would throw it about.
-            yields = self._elapsed_s / double
-            self._tool_m = along(free_m, -yields, touch.expected(free_m, yields))
-        self._t_us = t_us
-        return self._tool_m
+            yields = touch.elapsed_s / double
+            touch.tool_m = along(free_m, -yields, touch.expected(free_m, yields))
+        return touch.tool_m
 
     def answer(self, force_n: Vector) -> tuple[Vector, bytes]:
         """Return the scene's force, and its impulse so far."""
-        self._given_n_s = along(self._given_n_s, self._elapsed_s, force_n)
-        self._touch.feel(self._tool_m, force_n)
+        self._given_n_s = along(self._given_n_s, self._touch.elapsed_s, force_n)
+        self._touch.feel(force_n)
         return force_n, packed(self._given_n_s, STEP_N_S)
 
 
@@ -130,7 +130,7 @@ class WaveVariables:
     impedance
         Wave impedance b [N·s/m]: low is light in free motion, high is stiff in contact.
     filter_ms
-        Time constant [ms] of the filter of the wave at the slave; 0: none.
+        Time constant [ms] of the filter of the wave at the slave; 0: none, and a stiff scene gives out energy.
     """
 
     name: ClassVar[str] = "wave-variables"

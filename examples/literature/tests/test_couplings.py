@@ -2,6 +2,7 @@
 
 import math
 from importlib.metadata import EntryPoint
+from typing import NamedTuple
 
 import numpy as np
 import pytest
@@ -78,8 +79,16 @@ def test_wave_variables_put_counts_of_100_nn_s_on_the_wire():
     assert slave.answer((-2.5,))[1].hex() == "ffff9e58"  # −2.5 N for 1 ms
 
 
+class Exchanged(NamedTuple):
+    """What happened to the energy [J] between a hand and a scene."""
+
+    left_j: np.ndarray  # what the hand has put in less what the scene holds, in each tick
+    tick_j: float  # largest force at the hand over its largest movement in a tick
+    step_j: float  # what the first step of the tool into each contact has put into the scene
+
+
 def exchanged(coupling, path, scene, *, delay, loss, jitter, rng):
-    """Return the energy [J] that the hand has put in less what the scene holds, in each tick; and one tick's most.
+    """Return what happens to the energy [J] between a hand and a scene over a network.
 
     `path`: the hand's positions, a row a tick; `scene`: returns force and energy at a position; `delay`, `jitter`: in
     ticks, each way.
@@ -88,7 +97,7 @@ def exchanged(coupling, path, scene, *, delay, loss, jitter, rng):
     master, slave = coupling.master(port(axes)), coupling.slave(port(axes))
     out, back, left = [], [], []
     held = force = before = (0.0,) * axes
-    hand_j = scene_j = largest_n = 0.0
+    hand_j = scene_j = largest_n = step_j = 0.0
     newest_out = newest_back = -1
     for tick, position in enumerate(map(tuple, path.tolist())):
         hand_j += float(np.dot(held, np.subtract(position, before))) if tick else 0.0
@@ -98,7 +107,8 @@ def exchanged(coupling, path, scene, *, delay, loss, jitter, rng):
             if sent > newest_out and rng.random() >= loss:
                 newest_out = sent
                 tool = slave.command(where, 1000 * sent, data)
-                true_n, scene_j = scene(np.array(tool))
+                before_j, (true_n, scene_j) = scene_j, scene(np.array(tool))
+                step_j += scene_j if before_j == 0.0 else 0.0
                 due = tick + delay + rng.integers(0, jitter + 1)
                 back.append((due, sent, *slave.answer(tuple(true_n.tolist()))))
         for _, sent, coded_n, data in [each for each in back if each[0] == tick]:
@@ -108,7 +118,8 @@ def exchanged(coupling, path, scene, *, delay, loss, jitter, rng):
         held = master.limit(force, position, 1000 * tick, follows=False)
         largest_n = max(largest_n, math.hypot(*held))
         left.append(hand_j - scene_j)
-    return np.array(left), largest_n * np.abs(np.diff(path, axis=0)).sum(axis=1).max()
+    tick_j = largest_n * np.linalg.norm(np.diff(path, axis=0), axis=1).max()
+    return Exchanged(np.array(left), tick_j, step_j)
 
 
 @st.composite
@@ -135,11 +146,12 @@ def cases(draw):
 @pytest.mark.parametrize("coupling", [Tdpa(), WaveVariables(), WaveVariables(impedance=3.0)])
 @settings(max_examples=25, deadline=None)
 @given(case=cases())
-def test_no_more_energy_comes_out_than_went_in_but_for_a_few_ticks(coupling, case):
+def test_no_more_energy_comes_out_than_went_in_but_for_what_no_end_can_foresee(coupling, case):
     path, scene, network = case
-    left_j, tick_j = exchanged(coupling, path, scene, **network)
-    # Waves that are held while datagrams are lost gave out up to 13 ticks' in 150 cases.
-    assert left_j.min() >= -20.0 * tick_j - 2e-6
+    found = exchanged(coupling, path, scene, **network)
+    # An end holds its force, or moves the tool, for a step before it can tell what that gives out: the master when the
+    # hand turns, the slave when the tool first touches, which after lost positions is a step of several ticks.
+    assert found.left_j.min() >= -found.tick_j - found.step_j - 2e-7  # two counts on the wire
 
 
 def test_tdpa_pays_later_for_what_it_gave_out_too_much():
