@@ -99,6 +99,9 @@ system-packages:
 	@test -e /usr/include/fastdds || ! command -v apt-get >/dev/null || \
 		{ $(APT) update -qq && $(APT) install -y -qq --no-install-recommends g++ libfastrtps-dev; } || \
 		echo 'no Fast DDS here: extras/ros2 is not tested against it'
+	@{ command -v clang && command -v arm-none-eabi-gcc && command -v qemu-system-arm; } >/dev/null || ! command -v apt-get >/dev/null || \
+		{ $(APT) update -qq && $(APT) install -y -qq --no-install-recommends clang gcc-arm-none-eabi libnewlib-arm-none-eabi qemu-system-arm; } || \
+		echo 'no ARM compiler here: peers/c is not tested on a microcontroller'
 
 # The live page is tested in Debian's Chromium. Ubuntu has it only as a snap, which these tests do not use.
 chromium:

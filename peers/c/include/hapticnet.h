@@ -11,6 +11,10 @@
 
 #include "hapticnet_constants.h"
 
+#ifdef __cplusplus
+extern "C" {
+#endif
+
 typedef uint32_t hn_entropy(void *context); /* returns 32 unpredictable bits */
 
 typedef struct {
@@ -62,5 +66,9 @@ size_t hn_slave_close(hn_slave *s, const char *reason, unsigned code, uint8_t da
 
 const void *hn_slave_master(const hn_slave *s, size_t *size); /* the address of the session's master, or NULL */
 hn_counts hn_slave_counts(const hn_slave *s);
+
+#ifdef __cplusplus
+}
+#endif
 
 #endif

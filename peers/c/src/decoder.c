@@ -350,7 +350,7 @@ static void blend(hn_decoder *d, int64_t t_us)
 static bool read_golomb_rice(hn_bytes data, unsigned k, size_t *at, uint64_t *number)
 {
     uint64_t ones = 0;
-#define BIT (data.at[*at / 8] >> (7 - *at % 8) & 1u)
+#define BIT ((unsigned)data.at[*at / 8] >> (7 - *at % 8) & 1u)
     for (; *at < 8 * data.size && BIT; ++*at)
         ones++;
     if (8 * data.size - *at < 1 + k)

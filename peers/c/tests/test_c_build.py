@@ -1,0 +1,59 @@
+"""Compilers, sanitizers and a microcontroller."""
+
+import os
+import re
+import shutil
+import subprocess
+
+import pytest
+
+import peer
+
+CODE_BYTES, STATE_BYTES = 64 * 1024, 8 * 1024
+SAID = re.compile(r"forces (\w+), state of a master (\d+) bytes, of a slave (\d+) bytes")
+
+
+def needs(*tools):
+    """Fail in CI, and skip elsewhere, if a tool is missing."""
+    missing = [tool for tool in tools if shutil.which(tool) is None]
+    if missing and os.environ.get("CI"):
+        pytest.fail(f"{', '.join(missing)} missing; CI must have it")
+    if missing:
+        pytest.skip(f"{', '.join(missing)} missing")
+
+
+def make(folder, *arguments):
+    """Return what a target of the library prints."""
+    command = ["make", "-s", "-C", peer.HERE, f"BUILD={folder}", *arguments]
+    done = subprocess.run(command, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr[-2000:]
+    return done.stdout
+
+
+@pytest.mark.parametrize("compiler", ["gcc", "clang"])
+def test_a_compiler_warns_of_nothing(tmp_path, compiler):
+    needs(compiler)
+    make(tmp_path, f"CC={compiler}", "CFLAGS=-O1 -Werror", f"{tmp_path}/libhapticnet.a")
+
+
+def test_damaged_datagrams_do_no_harm_under_sanitizers(tmp_path):
+    """A short run: `make fuzz` is the long one."""
+    said = make(tmp_path, "CFLAGS=-O1", "MILLISECONDS=8000", "fuzz")
+    assert int(said.split()[0]) > 50_000
+
+
+def test_a_cortex_m_applies_the_same_forces_in_little_space(tmp_path):
+    needs("arm-none-eabi-gcc", "qemu-system-arm")
+    here = SAID.search(subprocess.check_output([peer.build(f"{tmp_path}/both", tmp_path) / "both"], text=True))
+    there = SAID.search(make(tmp_path, "emulate"))
+    assert there[1] == here[1]
+    sizes = subprocess.check_output(["arm-none-eabi-size", tmp_path / "both.elf"], text=True)
+    code = int(sizes.splitlines()[1].split()[0])
+    assert code <= CODE_BYTES
+    assert all(int(state) <= STATE_BYTES for state in there.groups()[1:])
+    readme = (peer.HERE / "README.md").read_text()
+    said = re.search(
+        r"(\d+) kB of code .* state of a master takes (\d+) bytes, that of a slave (\d+)", readme, re.DOTALL
+    )
+    assert said.groups()[1:] == there.groups()[1:]
+    assert round(code / 1000) == int(said[1])
