@@ -170,8 +170,8 @@ Device: TypeAlias = Annotated[
     str,
     Option(
         "Fingertip device: sim[:N/MM], simavr[:N/MM] (the compiled firmware, simulated), serial:auto,"
-        " serial:PATH, a class of yours with exchange or apply as FILE.py:CLASS or"
-        " package.module:CLASS, or none. N/MM is the simulated finger's stiffness.",
+        " serial:PATH, the NAME of an installed one (hapticnet device new), a class of yours with exchange or apply as"
+        " FILE.py:CLASS or package.module:CLASS, or none. N/MM is the simulated finger's stiffness.",
         "DEVICE",
     ),
 ]

@@ -13,6 +13,7 @@ import reprlib
 import sys
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from importlib.metadata import entry_points
 from itertools import islice
 from numbers import Real
 from operator import index
@@ -83,14 +84,33 @@ def find_user_class(text: str, kind: str, folder: Path = Path()) -> UserClass | 
             raise SettingsError(f"{kind} {text!r}: name the class in the file too, as in {text.strip()}:MyClass")
         return None
     source, rest = parts
+    options = _options(rest, f"{kind} {text!r}")
+    return UserClass(kind, source, load_user_code(source, kind, folder), options)
+
+
+def find_installed_class(text: str, kind: str, group: str) -> UserClass | None:
+    """Return the class that an installed package offers by ``NAME[:KEY=VALUE,…]``, as an entry point of a group.
+
+    Return None if no package does; raise SettingsError if it cannot be imported, or an option is malformed.
+    """
+    name, _, rest = text.strip().partition(":")
+    point = next(iter(entry_points(group=group, name=name)), None) if name else None
+    if point is None:
+        return None
+    options = _options(rest, f"{kind} {text!r}")
+    return UserClass(kind, name, load_user_code(point.value, kind), options)
+
+
+def _options(text: str, what: str) -> dict[str, Option]:
+    """Return the arguments in ``KEY=VALUE,…``; SettingsError if they are malformed."""
     options: dict[str, Option] = {}
-    for part in rest.split(",") if rest else ():
+    for part in text.split(",") if text else ():
         key, equals, value = part.partition("=")
         key = key.strip()
         if not equals or not key.isidentifier() or key in options:
-            raise SettingsError(f"{kind} {text!r}: {part!r} must be KEY=VALUE, each key once, as in stiffness=200")
+            raise SettingsError(f"{what}: {part!r} must be KEY=VALUE, each key once, as in stiffness=200")
         options[key] = _option(value.strip())
-    return UserClass(kind, source, load_user_code(source, kind, folder), options)
+    return options
 
 
 def load_user_code(source: str, kind: str, folder: Path = Path()) -> Callable[..., Any]:

@@ -76,8 +76,8 @@ PACKAGES = {re.split(r"[<>=\[;]", each)[0] for each in REQUIRED} - {"hapticnet"}
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md")), *sorted((ROOT / "bench/report").glob("*.in"))]
 SOURCES = sorted((ROOT / "hapticnet").rglob("*.py"))
 COMMAND = re.compile(r"pip install ([^`\n#|;\")]+)")
-ELSEWHERE = {"mujoco", "pandas"}
-"""Packages that a page or a message names although hapticnet does not need them."""
+ELSEWHERE = {"mujoco", "my-motor", "pandas"}
+"""Packages that a page or a message names although hapticnet does not need them; one is the reader's own."""
 
 
 def targets(text: str) -> list[str]:

@@ -71,6 +71,7 @@ EXAMPLES: Final[dict[tuple[str, ...], tuple[str, ...]]] = {
         "hapticnet device step sim:0.6",
         "hapticnet device step serial:auto --profile device.toml --from 0.5 --to 2 --plot step.png",
     ),
+    ("device", "new"): ("hapticnet device new my-motor",),
     ("device", "sim"): ("hapticnet device sim",),
     ("key", "new"): ("hapticnet key new", "hapticnet key new --name finger"),
     ("key", "public"): ("hapticnet key public",),

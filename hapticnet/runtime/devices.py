@@ -3,6 +3,7 @@
 from collections.abc import Callable, Iterator
 from contextlib import closing, contextmanager, suppress
 from dataclasses import replace
+from importlib.metadata import entry_points
 from pathlib import Path
 from typing import Final
 
@@ -22,11 +23,14 @@ from hapticnet.runtime.nano import SimulatedNano, simavr_build
 from hapticnet.runtime.processes import Child
 from hapticnet.runtime.serial_port import SerialSpec, Wire, parse_serial
 from hapticnet.runtime.system import now_us
-from hapticnet.user_code import UserClass, close_user_object, find_user_class
+from hapticnet.user_code import UserClass, close_user_object, find_installed_class, find_user_class
 
 NOT_CALIBRATED: Final = "the force sensor is not calibrated (see hapticnet device calibrate); forces may be far off"
 DEVICES: Final = "sim[:N/MM], simavr[:N/MM], serial:auto, serial:PATH, FILE.py:CLASS, package.module:CLASS"
-"""Device specifications; N/MM is the simulated finger's stiffness."""
+"""Device specifications; N/MM is the simulated finger's stiffness. Installed packages offer others by their names."""
+
+BUILT_IN: Final = ("sim", "simavr", "serial", "none")
+ENTRY_POINT_GROUP: Final = "hapticnet.devices"
 
 
 @contextmanager
@@ -94,7 +98,9 @@ def control_settings(profile: Profile) -> ForceControlSettings:
 
 def _user_class(text: str) -> UserClass | None:
     """Return the user's class that `text` names; None for a device of hapticnet."""
-    return None if text.partition(":")[0] in ("sim", "simavr", "serial") else find_user_class(text, "device")
+    if text.partition(":")[0] in BUILT_IN:
+        return None
+    return find_installed_class(text, "device", ENTRY_POINT_GROUP) or find_user_class(text, "device")
 
 
 @contextmanager
@@ -115,8 +121,10 @@ def _parse(text: str) -> tuple[str, PlantSettings | None]:
     if kind == "serial":
         return kind, None
     if kind not in ("sim", "simavr"):
+        known = [*BUILT_IN, *(point.name for point in entry_points(group=ENTRY_POINT_GROUP))]
         raise SettingsError(
-            f"unknown device {text!r}{meant(kind, ('sim', 'simavr', 'serial', 'none'))}; choose from {DEVICES}"
+            f"unknown device {text!r}{meant(kind, known)}; choose from {DEVICES}"
+            + "".join(f", {name}" for name in known[len(BUILT_IN) :])
         )
     if not separator:
         return kind, PlantSettings()
