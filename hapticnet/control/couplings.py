@@ -42,7 +42,7 @@ class EnergyBounded:
     damping
         Least damping of hand and device [N·s/m]; the hand absorbs what this makes of its motion.
     allowance_mj
-        Energy [mJ] that a contact may give before the hand has put any in; never more than a force of 2 N needs.
+        Energy [mJ] in the account when a contact begins, before the hand has done any work; at most what 2 N need.
     """
 
     name: ClassVar[str] = "energy-bounded"

@@ -14,13 +14,14 @@ as the motion.
 
 What fills the account
 - The work of the hand, and the energy b·v²·dt that its damping absorbs.
-- An allowance for the first force of a contact, which comes late and before any work. It is renewed at rest.
-- What the true spring would hold, once the force has followed the position without a correction for `CONFIRMED_US`:
-  then it is that of a confirmed law of the position, which is passive. A correction is a change that is larger than
-  half a JND and than K·|dx|.
+- An allowance, because the first force of a contact arrives late, before the hand has done any work. It is renewed
+  while the hand rests.
+- The energy of the true spring, once the force has followed the position without a correction for `CONFIRMED_US`: the
+  force is then a function of the position, which cannot feed an oscillation. A correction is a change that is larger
+  than half a JND and than K·|dx|.
 
-Unconfirmed, it never holds more than the force could have stored since the contact began (F times depth) and the
-allowance, so that the energy which a breach or a damper absorbs does not pay for an oscillation later.
+Until then the account never holds more than the allowance and what the force could have stored since the contact began
+(F times depth). Otherwise energy that a breach or a damper has absorbed would allow an oscillation later.
 """
 
 import math
@@ -59,7 +60,7 @@ LARGEST_DEPTH_M: Final = 0.1  # deepest contact [m] of a force that counts as th
 
 
 class EnergyBound:
-    """The account of one port. Satisfies `ports.MasterEnd`."""
+    """The energy account of one port. Satisfies `ports.MasterEnd`."""
 
     def __init__(self, port: Port, damping_n_s_per_m: float, allowance_j: float) -> None:
         check_above("damping of hand and device", damping_n_s_per_m, 0.0, 1e4, "N·s/m")

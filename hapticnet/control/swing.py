@@ -2,7 +2,7 @@
 
 The hand puts energy in when it moves against the force, and gets it back when it retreats. A port that gives more than
 it was given creates energy; here, as in `measure.energy`, every contact has its own account. Such a port feeds a swing:
-the force rises and falls, each time at least as far as before, and energy comes out of the port on the whole.
+the force rises and falls, each time at least as far as before, and in a whole cycle more energy comes out than goes in.
 """
 
 from collections import deque
@@ -16,8 +16,8 @@ from hapticnet.vectors import distance, dot, magnitude, minus, plus
 HALVES: Final = 5  # a swing is two rises and two falls, and begins with another
 SMALLEST_JND: Final = 2.0  # smaller ones [JND] are tremor, or the codec's
 LONGEST_HALF_US: Final = 500_000  # a slower rise or fall is the hand's own motion
-LEAST_SHARE: Final = 0.1  # of force times way that must come out in a cycle: the force is some 7 degrees late
-STEADY: Final = 0.9  # a swing whose halves shrink faster dies by itself
+LEAST_SHARE: Final = 0.1  # least energy out of a cycle over force times way: that of a force 7 degrees late
+STEADY: Final = 0.9  # least ratio of a half to the one before the last: a swing that shrinks faster ends by itself
 
 
 class _Turn(NamedTuple):

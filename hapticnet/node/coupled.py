@@ -175,7 +175,7 @@ class MasterCoupling:
         return force_n if size_n <= most_n else times(force_n, most_n / size_n)
 
     def check(self, now_us: int) -> tuple[HeldBack, ...]:
-        """Return what to tell the operator: once a contact or so, that the force is held back."""
+        """Return what to tell the operator: that the force is held back, about once a contact."""
         if self._held_back == self._noted:
             return ()
         before_us, self._held_us, self._noted = self._held_us, now_us, self._held_back

@@ -99,7 +99,7 @@ class Failed:
 
 @dataclass(frozen=True, slots=True)
 class HeldBack:
-    """The coupling holds the force back, because the hand would oscillate against it; told once a contact or so."""
+    """The coupling holds the force back, because the hand would oscillate against it; told about once a contact."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -22,7 +22,7 @@ from hapticnet.vectors import distance, largest_component
 from hapticnet_literature.levels import LEVEL, LevelForm, index_of, level_at
 
 MOST_LEVELS: Final = 4096
-"""Levels on either side of zero. With 5 % and 25 mN they reach beyond all range after 360."""
+"""Levels on either side of zero. With 5 % and 25 mN, 360 of them cover the whole range."""
 
 WIDEST: Final = 0.5
 """Half width of a cell as a fraction of its level, at most: at 1 a cell would reach down to zero."""

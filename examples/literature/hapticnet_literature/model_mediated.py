@@ -7,9 +7,9 @@ began, and faces the first force; its stiffness k is learned at each sample in c
 (S. Bernhard, chai3d, examples/GLFW/32-spring): λ is 0.1 (per metre), k begins at 200 N/m, and the deadband of a
 parameter is 10 %.
 
-A wall that changes under a hand gives it energy. A change that pushes harder is therefore blended in; one that pushes
-less comes at once. The energy of a change remains, but it comes once, and slowly for a hand. Where the scene is no
-wall, the force may be larger than any that the scene has.
+A wall that changes while a hand presses it can give the hand energy. A change that raises the force is therefore
+blended in over `blend_ms`; one that lowers it is applied at once. Blending does not remove that energy, but spreads it
+over a time that is long for a hand. In a scene that is not a wall, the force may be larger than any of the scene.
 """
 
 import struct

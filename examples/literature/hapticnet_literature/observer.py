@@ -2,8 +2,8 @@
 
 After B. Hannaford and J.-H. Ryu, "Time-domain passivity control of haptic interfaces", IEEE Transactions on Robotics
 and Automation 18 (2002). The observer sums the work of the hand; damping F + αv absorbs what the hand would get back
-beyond it. Every contact has its own account here, which begins at zero: otherwise the energy that a breach absorbs
-would pay for energy created later.
+beyond it. Every contact has its own account here, which begins at zero: otherwise energy that a breach has absorbed
+could come out again in a later contact.
 """
 
 import math

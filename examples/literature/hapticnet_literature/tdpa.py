@@ -12,8 +12,9 @@ E = Σ F·dx where that is positive, and send the sum. A controller at each end 
 
 The next movement of the hand is taken to be like the last, and the scene to be as stiff as in the last movement. Where
 that is wrong, too much is given out, and held back later: at most one tick's at the master, when the hand turns, and at
-the slave the tool's first step into a contact. Above twice the hand's mass over the period of a tick a
-sampled damper shakes the hand instead of damping it; a bound of α helps, and lets energy out that has not gone in.
+the slave the tool's first step into a contact. With an α above twice the hand's mass over the period of a tick, a
+sampled damper shakes the hand instead of damping it. A bound of α prevents that, but then energy can come out that has
+not gone in.
 """
 
 import math
