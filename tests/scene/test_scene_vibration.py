@@ -71,14 +71,6 @@ def test_a_breach_rings_as_a_decaying_sinusoid_and_ends():
     assert scene.vibration(begins_us + 200_000, 28, RATE_HZ) is None
 
 
-def test_frames_of_any_length_join():
-    scene = Scene([Tissue(**TISSUE, **RINGS)])
-    end_us = walk(scene, [0.008, 0.0105])
-    whole = heard(scene, end_us - 20_000, 84)
-    parts = np.concatenate([heard(scene, end_us - 20_000 + 10_000 * part, 28) for part in range(3)])
-    assert whole == pytest.approx(parts)
-
-
 @pytest.mark.parametrize("speed", [0.05, 0.1])
 def test_a_texture_is_felt_at_speed_over_wavelength_while_the_tool_slides(speed):
     scene = BodyScene([Plane(**PLANE, texture_m=0.5e-3, texture_per_s=20.0)])
@@ -89,13 +81,6 @@ def test_a_texture_is_felt_at_speed_over_wavelength_while_the_tool_slides(speed)
     for step in range(1, 40):
         scene.step(PositionSample(end_us + 1000 * step, (0.002, 0.02)))
     assert scene.vibration(end_us + 10_000, 28, RATE_HZ) is None, "at rest"
-
-
-def test_a_texture_above_the_surface_and_without_wavelength_is_not_felt():
-    scene = BodyScene([Plane(**PLANE, texture_m=0.5e-3, texture_per_s=20.0)])
-    end_us = walk(scene, [(-0.002, 0.0), (-0.002, 0.02)])
-    assert scene.vibration(end_us - 50_000, 28, RATE_HZ) is None
-    assert BodyScene([Plane(**PLANE)]).vibration is None
 
 
 def test_a_tap_on_a_body_rings():
