@@ -2,6 +2,7 @@
 
 import math
 import struct
+from dataclasses import replace
 from typing import Any, Final
 
 import numpy as np
@@ -74,7 +75,8 @@ class Session:
         entry = MasterEntry(name="fuzz", public=self._keys[1].public)
         door: Door = SealedDoor(self._keys[0].private, Roster([entry]), self._rng) if sealed else Door()
         scene = paper_scene(seed)
-        given = lambda _: Scene(scene.tissues, name=scene.name), SlaveSettings(), self._rng
+        tissues = [replace(each, ring_hz=200.0, touch_per_s=100.0, breach_m_s2=10.0) for each in scene.tissues]
+        given = lambda _: Scene(tissues, name=scene.name), SlaveSettings(), self._rng
         others: dict[str, Any] = {
             "doors": {SEALED if sealed else OPEN: door},
             "host_of": lambda address: address[0] if isinstance(address, tuple) else address,
@@ -150,6 +152,7 @@ class Session:
             name=f"fuzz {self._masters % 10}",
             announced=self._masters % 3 == 0,
             positions="line" if self._masters % 4 < 2 else "raw",
+            vibration=self._masters % 3 == 1,
         )
         self._master = MasterNode(self._operator, None, settings, self._rng)
         self._masters += 1
@@ -199,6 +202,8 @@ class Session:
             return t_us, self.fuzz.random.randrange(100), payload, *loss
         if kind is Kind.FORCE:
             return t_us, payload, *self._bound()
+        if kind is Kind.VIBRATION:
+            return t_us - 10_000 & 0xFFFFFFFF, payload, *self._bound()
         return (t_us, None, *self._bound()) if kind is Kind.KEEPALIVE else ("reason", self.fuzz.random.randrange(9))
 
     def _bound(self) -> tuple[bytes, ...]:

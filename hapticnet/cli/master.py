@@ -290,7 +290,8 @@ def in_words(event: NodeEvent, node: MasterNode, address: str) -> str:
         scene = f"scene {grant.scene}" + (f" ({grant.frame})" if grant.frame else "")
         resumed = ", as it was left" if grant.resumed else ""
         jnd = "" if codec.name == "raw" else f" at {codec.law.multiplier:g} JND"
-        return f"connected to {address}, {scene}{resumed}, {grant.rate_hz:g} Hz granted, {codec.name}{jnd}"
+        beside = " with vibration" * grant.vibration
+        return f"connected to {address}, {scene}{resumed}, {grant.rate_hz:g} Hz granted, {codec.name}{jnd}{beside}"
     if isinstance(event, SettingsInForce):
         return f"in force: {settings_line(asdict(event))}"
     if isinstance(event, LinkStale):
