@@ -36,7 +36,6 @@ from hapticnet.protocol.states import (
     MasterEvent,
     MasterState,
     Noticed,
-    ShapesArrived,
     VibrationArrived,
 )
 from hapticnet.samples import Vector, checked_vector
@@ -423,9 +422,9 @@ class MasterNode:
         if isinstance(event, HoldConfirmed):
             self._applied.confirm(event, now_us)
             return
-        if isinstance(event, ShapesArrived):
+        if isinstance(event, Noticed) and event.shapes is not None:
             try:
-                count, shapes = unpack_shapes(event.payload)
+                count, shapes = unpack_shapes(event.shapes)
             except PeerError:
                 self.session.payload_was_malformed()
             else:

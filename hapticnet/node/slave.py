@@ -34,8 +34,6 @@ NOTICES_AT_ONCE: Final = 20
 NOTICE_EVERY_US: Final = 2_000_000  # least time [µs] between two such notices to a master; a datagram may be lost
 STOPPING: Final = "this slave is about to stop: end soon, or go on elsewhere"
 
-_ALSO_FROM_MASTERS: Final = frozenset((Kind.CLOSE, Kind.NOTICE))
-
 REPORTS_KEPT: Final = 1000  # most reports kept of ended sessions: one or two megabytes, so that memory is bounded
 
 
@@ -240,7 +238,7 @@ class SlaveNode:
             if (
                 datagram.version != session.version
                 or (context.address != address and session.seal is None)
-                or (datagram.kind is not Kind.POSITION and datagram.kind not in _ALSO_FROM_MASTERS)
+                or (datagram.kind is not Kind.POSITION and datagram.kind not in (Kind.CLOSE, Kind.NOTICE))
             ):
                 self._receive_stray(datagram, len(data), address)
                 return

@@ -25,8 +25,8 @@ from hapticnet.protocol.messages import Code, Grant
 from hapticnet.protocol.slave_session import SlaveSession
 from hapticnet.protocol.wire import Datagram, Kind
 from hapticnet.samples import PositionSample, Vector, checked_vector, new_tuple
-from hapticnet.scene.base import Touchable, bound_method, breaches_of, shapes_method, vibration_method
-from hapticnet.scene.shapes import ShapeFeed
+from hapticnet.scene.base import Touchable, bound_method, breaches_of, vibration_method
+from hapticnet.scene.shapes import ShapeFeed, Shapes
 from hapticnet.user_code import report_of
 from hapticnet.vectors import along
 
@@ -122,7 +122,7 @@ class SlaveContext:
         self._master_state: int | None = None  # layers of the model pierced at the master
         self._zero_n = (0.0,) * scene.axes
         self._error = running_error(codec.law)
-        shapes = shapes_method(scene)
+        shapes: Shapes | None = getattr(scene, "shapes", None)
         self._looks = None if shapes is None else ShapeFeed(shapes)
 
     @property

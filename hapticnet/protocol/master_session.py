@@ -38,7 +38,6 @@ from hapticnet.protocol.states import (
     Noticed,
     Refused,
     SessionLost,
-    ShapesArrived,
     Trigger,
     VibrationArrived,
 )
@@ -262,7 +261,7 @@ class MasterSession:
             if notice.shapes is not None:
                 self.drawing.add(kind, size)
                 if arrival is Arrival.NEW:  # what is late shows how the scene looked before
-                    self.events.append(ShapesArrived(notice.shapes))
+                    self.events.append(Noticed("", notice.code, notice.shapes))
             elif arrival in (Arrival.NEW, Arrival.LATE) and notice.code not in self._noticed:
                 self._noticed.add(notice.code)
                 self.events.append(Noticed(notice.reason, notice.code))

@@ -176,17 +176,11 @@ class Ended:
 
 @dataclass(frozen=True, slots=True)
 class Noticed:
-    """A notice from the slave about the continuing session; once for each `code`."""
+    """A notice from the slave about the continuing session; once for each `code`, or with shapes of the scene."""
 
     reason: str
     code: Code
-
-
-@dataclass(frozen=True, slots=True)
-class ShapesArrived:
-    """What the slave sent of how the scene looks."""
-
-    payload: bytes
+    shapes: bytes | None = None
 
 
 MasterEvent: TypeAlias = (
@@ -202,6 +196,5 @@ MasterEvent: TypeAlias = (
     | ChangeRefused
     | Hinted
     | Noticed
-    | ShapesArrived
     | Ended
 )

@@ -8,7 +8,6 @@ from hapticnet.errors import SettingsError, UserCodeError
 from hapticnet.parts import Parts, declared
 from hapticnet.samples import ForceSample, PositionSample
 from hapticnet.scene.ahead import LookAhead
-from hapticnet.scene.shapes import Shapes
 from hapticnet.stiffness_bound import StiffnessBound
 from hapticnet.user_code import attribute_of, failure, method_of, raised, report_of, short, vector_from
 
@@ -37,7 +36,8 @@ class Touchable(Protocol):
     hundred times a second, after a step at or behind the end of that time, and never on copies.
 
     If it has a method ``shapes()``, that returns how the scene looks now: a sequence of `scene.shapes.Shape`, always in
-    the same order. A slave calls it 30 times a second while a page is open, after a force is sent.
+    the same order; an object that is returned again has not moved. A slave calls it at most 30 times a second, while a
+    page is open, after a force is sent.
 
     A real object without copies may have an attribute ``moves_ahead_n``: it may be stepped at positions where the hand
     is expected, while the round trip is short (`node.hand_predictor.LONGEST_LEAD_US`) and the force is below this many
@@ -89,12 +89,6 @@ def copy_method(scene: Touchable) -> Callable[[], Touchable] | None:
     """Return the method ``copy`` of a scene; None if it cannot be copied."""
     copy: Callable[[], Touchable] | None = getattr(scene, "copy", None)
     return copy
-
-
-def shapes_method(scene: Touchable) -> Shapes | None:
-    """Return the method ``shapes`` of a scene; None if it does not say how it looks."""
-    shapes: Shapes | None = getattr(scene, "shapes", None)
-    return shapes
 
 
 def lead_limit_n(scene: Touchable) -> float:
@@ -173,7 +167,7 @@ class UserScene:
         self.next_line: Callable[[], str | None] | None = self._optional("next_line")
         self.stiffness_bound: Callable[[], StiffnessBound | None] | None = self._optional("stiffness_bound")
         self.vibration: Vibrate | None = self._optional("vibration")
-        self.shapes: Shapes | None = self._optional("shapes")
+        self.shapes = self._optional("shapes")
         moves_ahead_n = attribute_of(touched, "moves_ahead_n", 0.0, what)
         is_number = isinstance(moves_ahead_n, int | float) and type(moves_ahead_n) is not bool
         if not is_number or not 0.0 <= moves_ahead_n < math.inf:

@@ -13,7 +13,7 @@ from hapticnet.errors import PeerError, SampleError
 from hapticnet.samples import Vector
 
 KINDS: Final = ("plane", "sphere", "capsule", "box", "view")
-MOST_SHAPES: Final = 255
+MOST_SHAPES: Final = 255  # of a scene; further ones are not drawn
 FARTHEST_M: Final = 1e6
 EVERY_US: Final = 33_333  # how often [µs] what moved is sent
 AGAIN_US: Final = 1_000_000  # after this time [µs] a shape is sent again, because a datagram may be lost
@@ -92,21 +92,17 @@ class ShapeFeed:
         if self._due_us - EVERY_US <= now_us < self._due_us:
             return None
         self._due_us = now_us + EVERY_US
-        shapes = self._shapes()
+        shapes = self._shapes()[:MOST_SHAPES]
         old_ones = self._seen + [(None, b"")] * len(shapes)
         self._seen = [
             old if old[0] is shape else (shape, pack_shape(shape)) for shape, old in zip(shapes, old_ones, strict=False)
         ]
-        packed = [content for _, content in self._seen]
-        if len(packed) > MOST_SHAPES:
-            raise SampleError(f"a scene has {len(packed)} shapes; at most {MOST_SHAPES} are drawn")
-        never = -math.inf, b""
-        old = [self._sent.get(place, never) for place in range(len(packed))]
-        waiting = [
-            (at_us, place)
-            for place, (at_us, content) in enumerate(old)
-            if content != packed[place] or not 0 <= now_us - at_us < AGAIN_US
-        ]
+        waiting: list[tuple[float, int]] = []
+        for place, (_, content) in enumerate(self._seen):
+            at_us, sent = self._sent.get(place, (-math.inf, b""))
+            if content != sent or not 0 <= now_us - at_us < AGAIN_US:
+                waiting.append((at_us, place))
         chosen = [place for _, place in sorted(waiting)[:AT_ONCE]]  # those that have waited longest
-        self._sent.update({place: (now_us, packed[place]) for place in chosen})
-        return bytes([len(packed)]) + b"".join(bytes([place]) + packed[place] for place in chosen) if chosen else None
+        self._sent.update({place: (now_us, self._seen[place][1]) for place in chosen})
+        count = bytes([len(self._seen)])
+        return count + b"".join(bytes([place]) + self._seen[place][1] for place in chosen) if chosen else None

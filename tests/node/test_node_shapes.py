@@ -59,9 +59,7 @@ def test_a_master_that_looks_sees_the_scene_as_it_is_now(loss):
     plane, ball = (run.master.shapes[place] for place in (0, 1))
     assert plane.kind == "plane"
     assert ball.at_m[0] == pytest.approx(scene.place_m, abs=1e-4) == 0.03
-    drawing = run.master.session.drawing
-    assert 0 < drawing.packets < 5 * 30
-    assert drawing.packets == run.master.session.received.by_kind[Kind.NOTICE]
+    assert 0 < run.master.session.drawing.packets < 5 * 30
 
 
 def test_nothing_is_sent_before_a_master_looks_and_after_it_has_stopped():
