@@ -134,7 +134,7 @@ def unpack(data: bytes) -> Datagram:
     kind = KINDS.get(number)
     if kind is None:
         raise PeerError(f"datagram of unknown kind {number}")
-    if type(version) is not int or (version not in VERSIONS and kind not in ANY_VERSION):
+    if type(version) is not int or (version not in VERSIONS and (version < 0 or kind not in ANY_VERSION)):
         raise PeerError(f"datagram of protocol version {version!r}; the versions are {OPEN} and {SEALED}")
     return new_tuple(Datagram, (version, kind, session, sequence, body))
 

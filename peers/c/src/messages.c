@@ -12,7 +12,8 @@ bool hn_read_frame(hn_bytes data, hn_frame *frame)
     hn_reader r = hn_read_from(data);
     if (hn_get_array(&r, 5) != 5)
         return false;
-    frame->version = hn_get_uint32(&r);
+    uint64_t version = hn_get_uint(&r, UINT64_MAX);
+    frame->version = version < UINT32_MAX ? (uint32_t)version : UINT32_MAX;
     frame->kind = hn_get_uint32(&r);
     frame->session = hn_get_uint32(&r);
     frame->sequence = hn_get_uint32(&r);
@@ -150,8 +151,11 @@ bool hn_read_grant(hn_bytes packed, hn_grant *grant)
     grant->position_share = hn_get_number(&r);
     grant->predicted = elements > 8 && hn_get_bool(&r);
     grant->vibrates = elements > 9 && hn_get_bool(&r);
+    grant->frame = (hn_bytes){NULL, 0};
+    if (elements > 10 && !hn_get_nil(&r))
+        grant->frame = hn_get_text(&r, HN_NAME_BYTES);
     double share = grant->position_share;
-    return hn_get_end(&r, elements > 10 ? elements - 10 : 0) && grant->session > 0 &&
+    return hn_get_end(&r, elements > 11 ? elements - 11 : 0) && grant->session > 0 &&
            grant->keepalive_us >= HN_LEAST_KEEPALIVE_US && grant->ticket.size == HN_TICKET_BYTES &&
            HN_LEAST_RATE_HZ <= grant->rate_hz && grant->rate_hz <= HN_MOST_RATE_HZ &&
            (share == 0.0 || (HN_LEAST_SHARE <= share && share <= HN_MOST_SHARE));
@@ -341,7 +345,8 @@ hn_bytes hn_pack_asked(uint8_t *packed, size_t size, const hn_asked *asked)
 hn_bytes hn_pack_grant(uint8_t *packed, size_t size, const hn_grant *grant)
 {
     hn_writer w = hn_write_to(packed, size);
-    hn_put_array(&w, grant->predicted ? 9 : 8);
+    unsigned optional = grant->frame.at != NULL ? 3 : grant->vibrates ? 2 : grant->predicted ? 1 : 0;
+    hn_put_array(&w, 8 + optional);
     hn_put_uint(&w, grant->session);
     hn_put_double(&w, grant->rate_hz);
     hn_put_uint(&w, grant->keepalive_us);
@@ -350,8 +355,12 @@ hn_bytes hn_pack_grant(uint8_t *packed, size_t size, const hn_grant *grant)
     hn_put_bool(&w, grant->resumed);
     hn_put_bool(&w, grant->announced);
     hn_put_double(&w, grant->position_share);
-    if (grant->predicted)
-        hn_put_bool(&w, true);
+    if (optional >= 1)
+        hn_put_bool(&w, grant->predicted);
+    if (optional >= 2)
+        hn_put_bool(&w, grant->vibrates);
+    if (optional >= 3)
+        hn_put_text(&w, (const char *)grant->frame.at, grant->frame.size);
     return written(&w, packed);
 }
 

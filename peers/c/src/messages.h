@@ -44,6 +44,7 @@ typedef struct {
     bool resumed, announced;
     double position_share;
     bool predicted, vibrates;
+    hn_bytes frame; /* where the scene's axes point, in words */
 } hn_grant;
 
 typedef struct {
