@@ -5,9 +5,9 @@ import json
 import random
 
 import msgpack
-import peer
 import pytest
 
+import peer
 from hapticnet.errors import PeerError
 from hapticnet.protocol import messages
 from hapticnet.protocol.wire import Kind, unpack
