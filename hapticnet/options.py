@@ -2,7 +2,7 @@
 
 import inspect
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, Final, Literal, TypeAlias, TypeVar, get_args
@@ -157,6 +157,21 @@ Operator: TypeAlias = Annotated[
         "OPERATOR",
     ),
 ]
+Scale: TypeAlias = Annotated[
+    float, Option("Metres of the tool for a metre of the hand.", "FACTOR", least=0.001, most=1000.0)
+]
+ForceScale: TypeAlias = Annotated[
+    float, Option("Newtons in the hand for a newton of the scene.", "FACTOR", least=0.001, most=1000.0)
+]
+_FRAME: Final = Option(
+    "Rotation of the hand's frame into that of the scene [degrees]: a rotation vector on three axes, an angle on two.",
+    "RX,RY,RZ",
+)
+_OFFSET: Final = Option("Where the tool is when the hand is at 0 [m].", "X[,Y[,Z]]")
+Frame: TypeAlias = Annotated[str | None, _FRAME]
+FrameNumbers: TypeAlias = Annotated[Sequence[float] | None, _FRAME]
+Offset: TypeAlias = Annotated[str | None, _OFFSET]
+OffsetNumbers: TypeAlias = Annotated[Sequence[float] | None, _OFFSET]
 Insertions: TypeAlias = Annotated[int, Option("Insertions or palpations of the scripted operator.", least=1)]
 Rate: TypeAlias = Annotated[float, Option("Positions a second.", "HZ")]
 Positions: TypeAlias = Annotated[
@@ -340,13 +355,15 @@ class SharedMasterOptions:
     vibration_budget: VibrationBudget = VIBRATION_BUDGET
     positions: Positions = "raw"
     position_share: PositionShare = POSITION_SHARE
+    scale: Scale = 1.0
+    force_scale: ForceScale = 1.0
     first_touch: FirstTouch = False
     coupling: Coupling = "direct"
 
     def of_node(self) -> dict[str, Any]:
-        """Return the settings of the node, by the same names."""
-        of_key = ("peer_key", "insecure")
-        names = (name for name in SharedMasterOptions.__dataclass_fields__ if name not in of_key)
+        """Return the settings of the node, by the same names, except keys and the mapping of the hand."""
+        others = ("peer_key", "insecure", "scale", "force_scale")
+        names = (name for name in SharedMasterOptions.__dataclass_fields__ if name not in others)
         return {name: getattr(self, name) for name in names}
 
 

@@ -49,7 +49,7 @@ class _Exchanges(Watcher[NodeEvent]):
         self._waiting = [each for each in self._waiting if each[0] > sent]
         for future in due:
             if not future.done():
-                future.set_result(self._node.held_n)
+                future.set_result(self._node.felt_n)
 
     def note(self, event: NodeEvent, now_us: int) -> None:  # noqa: ARG002 - only the end counts
         """Fail the waiting callers."""
@@ -90,9 +90,27 @@ class MasterView(NodeView[MasterNode, NodeEvent]):
         self._hand.move(position)
 
     @property
+    def clutch(self) -> bool:
+        """Whether the clutch is open: the tool stays where it is, without a force, while the hand moves. Assign it.
+
+        Raises
+        ------
+        SettingsError
+            On assignment if an operator gives the positions: its own ``clutched`` counts.
+        """
+        return self._hand is not None and self._hand.clutched
+
+    @clutch.setter
+    def clutch(self, is_open: bool) -> None:
+        if self._hand is None:
+            _ = self.node  # which must be running
+            raise SettingsError("an operator gives the positions of this master; it may have an attribute clutched")
+        self._hand.clutched = bool(is_open)
+
+    @property
     def force_n(self) -> Vector:
-        """Force [N] that is held, one value for each axis; it decays to zero when the link goes stale."""
-        return self.node.held_n
+        """Force [N] in the hand, one value for each axis; it decays to zero when the link goes stale."""
+        return self.node.felt_n
 
     @property
     def connected(self) -> bool:
@@ -142,6 +160,8 @@ class MasterView(NodeView[MasterNode, NodeEvent]):
             If there is no such codec, or a value is out of range.
         """
         now = self.node.codec
+        if floor_n is not None:  # the person's, as everywhere here
+            floor_n /= self.node.settings.mapping.force_scale
         law = {"weber_fraction": weber_fraction, "floor_n": floor_n, "multiplier": multiplier}
         if codec is None or isinstance(codec, str):
             law = {name: getattr(now.law, name) if value is None else value for name, value in law.items()}
@@ -340,7 +360,7 @@ class TickedMaster(MasterSetup, MasterView, Ticked[MasterNode, NodeEvent]):
             node.drive(now)
         node.check(now, waited_us)
         self._send()
-        return node.held_n
+        return node.felt_n
 
     def _report(self, node: MasterNode) -> dict[str, Any]:
         run = MasterRun(

@@ -21,6 +21,7 @@ from hapticnet.files import user_path
 from hapticnet.node.master import MasterNode
 from hapticnet.node.settings import MasterSettings, OnError
 from hapticnet.operator.base import HasSample, Operator, UserOperator
+from hapticnet.operator.mapping import Mapping
 from hapticnet.options import Option, check_options, described
 from hapticnet.protocol.settings import SessionSettings
 from hapticnet.recordings.session.archive import check_format
@@ -44,6 +45,7 @@ class Hand:
     """The position that a program set last. Satisfies `operator.base.Operator`."""
 
     duration_us = None
+    clutched = False  # whether the clutch is open
 
     def __init__(self, position: PositionLike) -> None:
         self.position_m = as_position(position)
@@ -85,6 +87,8 @@ class MasterSetup(options.SharedMasterOptions):
             " if it has ``feel(t_us, force_n)``."
         ),
     ] = None
+    frame: options.FrameNumbers = None
+    offset: options.OffsetNumbers = None
     device: Annotated[
         str | HasExchange | HasApply | None,
         Option(
@@ -183,6 +187,12 @@ class MasterSetup(options.SharedMasterOptions):
             rate_hz=self.rate_hz,
             on_error=self.on_error,
             **self.of_node(),
+            mapping=Mapping(
+                scale=self.scale,
+                force_scale=self.force_scale,
+                frame_deg=tuple(self.frame or ()),
+                offset_m=tuple(self.offset or ()),
+            ),
             session=SessionSettings(max_age_us=round(self.max_age_s * 1e6)),
             control=devices.control_settings(self._profile()),
         )

@@ -44,6 +44,8 @@ class MasterOptions(SharedMasterOptions, ProcessOptions):
     connect: options.Connect = "127.0.0.1:47800"
     operator: options.Operator = None
     insertions: options.Insertions = INSERTIONS
+    frame: options.Frame = None
+    offset: options.Offset = None
     device: options.Device = "sim"
     profile: options.Profile = None
     duration: options.SessionDuration = None

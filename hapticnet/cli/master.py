@@ -21,6 +21,7 @@ from hapticnet.node.fingertip import MAY_SWING, DeviceFound, DeviceLost, FingerM
 from hapticnet.node.master import MasterNode
 from hapticnet.node.settings import MasterSettings
 from hapticnet.node.step_times import StepsTooSlow
+from hapticnet.operator.mapping import Mapping
 from hapticnet.options import INSERTIONS, POSITION_SHARE, RECORD_LIMIT, VIBRATION_BUDGET
 from hapticnet.protocol.key_files import default_key
 from hapticnet.protocol.messages import Code
@@ -92,6 +93,7 @@ def join(given: MasterOptions) -> None:
         record=given.record is not None,
         record_datagrams=given.record is not None,
         **given.of_node(),
+        mapping=Mapping.parse(given.scale, given.force_scale, given.frame, given.offset),
         control=devices.control_settings(known),
     )
     console = Console(given.name, quiet=given.quiet, real_time=True)

@@ -150,8 +150,8 @@ GROUPS: Final[dict[str, tuple[str, ...]]] = {
     ),
     "Keys": ("key", "peer-key", "masters", "insecure"),
     "Operator and device": (
-        "operator", "insertions", "hand", "rate", "positions", "position-share", "device", "device-takes", "profile",
-        "from", "to", "stiffness",
+        "operator", "insertions", "scale", "force-scale", "frame", "offset", "hand", "rate", "positions",
+        "position-share", "device", "device-takes", "profile", "from", "to", "stiffness",
     ),
     "Safety": ("coupling", "max-age", "max-force", "first-touch"),
     "Scene and contact": ("scene", "walls", "announce", "announced", "predicted", "vibration", "vibration-budget"),

@@ -21,6 +21,7 @@ from hapticnet.node.settings import MasterSettings
 from hapticnet.node.step_times import NOT_TIMED, Clock, StepTimes, no_wait
 from hapticnet.node.vibration import VibrationPlayer
 from hapticnet.operator.base import Operator, operator_parts
+from hapticnet.operator.mapping import Mapped, mapped
 from hapticnet.parts import PartsLaw, law_numbers, with_numbers
 from hapticnet.perception import WeberLaw
 from hapticnet.protocol.master_session import MasterSession
@@ -59,6 +60,8 @@ class MasterNode:
         clock: Clock | None = None,
     ) -> None:
         self.settings = settings
+        operator = mapped(operator, settings.mapping)
+        self.mapped = operator if isinstance(operator, Mapped) else None  # what maps the hand, if anything does
         self.axes = operator.axes
         self._operator = operator
         self.times = StepTimes(clock)  # the times of steps of operator, device and a user's codec
@@ -77,7 +80,8 @@ class MasterNode:
         self.recording = Recording(columns) if settings.record else None  # rows of ticks
         self.datagrams = Recording(DATAGRAM_COLUMNS) if settings.record_datagrams else None
         self._feel: Any = getattr(operator, "feel", None)
-        law = PartsLaw.of(self.parts, settings.law, settings.part_laws) if self.parts else settings.law
+        law = settings.mapping.asked(settings.law)
+        law = PartsLaw.of(self.parts, law, settings.part_laws) if self.parts else law
         self._codec = self._next_codec = make_codec(settings.codec, law, settings.parameters)
         # of the first part, which is what a device renders and a page shows
         self.first_axes = self.parts[0].axes if self.parts else operator.axes
@@ -88,7 +92,8 @@ class MasterNode:
             self.vibration = VibrationPlayer(shaker, settings.vibration_threshold, record=settings.record)
         # time [µs] between two ticks. No slave may slow the force loop down: its limits hold for the device's rate.
         self.period_us = round(1e6 / max(settings.rate_hz, self._rendering.least_rate_hz))
-        self._coupling = MasterCoupling(settings, law, operator, self.period_us, self._rendering.largest_n)
+        device_n = self._rendering.largest_n / settings.mapping.force_scale
+        self._coupling = MasterCoupling(settings, law, operator, self.period_us, device_n)
         self.session = MasterSession(self._request(self._codec), settings.session, rng, settings.key)
         self._forward = Forward(self.session, law, operator.axes)
         self._applied = AppliedForce(self._codec, settings.hold, operator.axes)
@@ -104,6 +109,8 @@ class MasterNode:
         leads = not (self._coupling.limits or self.parts)
         self._lead_us = fingertip.lead_us if fingertip is not None and leads else None
         self.adaptations = self._rendering.adaptations(getattr(operator, "capabilities", None), settings)
+        if self.mapped is not None and self.mapped.adaptation is not None:
+            self.adaptations.append(self.mapped.adaptation)
         self._first_touch = FirstTouch(fingertip) if settings.first_touch and fingertip is not None else None
         self._script_start_us: int | None = None
         self.position_m: Vector | None = None  # position [m] of the newest tick; None before there is a session
@@ -116,6 +123,11 @@ class MasterNode:
         self._granted: SettingsInForce | None = None
         self._events: deque[NodeEvent] = deque()
         self._ticked_us = 0
+
+    @property
+    def felt_n(self) -> Vector:
+        """The held force [N] as it is felt in the hand, in its frame."""
+        return self.held_n if self.mapped is None else self.mapped.to_hand(self.held_n)
 
     @property
     def codec(self) -> Codec:
@@ -258,7 +270,11 @@ class MasterNode:
 
     def _press(self, now_us: int) -> None:
         self._device_time.begin()
-        felt = self._rendering.press(self.held_n, self._ahead_n, now_us, counts=self.connections > 0)
+        held_n, ahead_n = self.held_n, self._ahead_n
+        if self.mapped is not None:
+            held_n, same = self.mapped.to_hand(held_n), ahead_n is held_n
+            ahead_n = held_n if same else self.mapped.to_hand(ahead_n)
+        felt = self._rendering.press(held_n, ahead_n, now_us, counts=self.connections > 0)
         self._device_time.end(self.period_us)
         self.target_n, self.sensed_n, self.displacement_m = felt
 

@@ -10,6 +10,7 @@ from hapticnet.control.force_settings import ForceControlSettings
 from hapticnet.control.hold import HoldSettings
 from hapticnet.control.ports import TwoPort
 from hapticnet.errors import SettingsError
+from hapticnet.operator.mapping import Mapping
 from hapticnet.parts import law_numbers, parts_request
 from hapticnet.perception import WeberLaw
 from hapticnet.protocol.keys import MasterKey, check_name
@@ -56,6 +57,7 @@ class MasterSettings:
     vibration: bool = False
     vibration_budget: float = 6000.0
     vibration_threshold: float = 0.1
+    mapping: Mapping = field(default_factory=Mapping)  # between the hand and the scene
     coupling: str = "direct"  # how to keep a hand that yields from oscillating: NAME[:KEY=VALUE,…]
     first_touch: bool = False  # whether to find the finger before asking for a session
     session: SessionSettings = field(default_factory=SessionSettings)

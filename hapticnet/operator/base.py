@@ -51,7 +51,8 @@ class UserOperator:
     sequence of numbers, one for each axis. Optional: ``feel(t_us, force_n)``, called in every tick with the force held
     [N], a tuple, whose first part is within the capabilities that it declares (``max_force_n``, ``slew_n_per_s``,
     ``travel_m``: by default no limit; ``grounded``: by default whether it has a ``max_force_n``); ``axes`` (1 to 3;
-    default 1) or ``parts``, such as ``("force:3", "torque:3", "grip:1")`` (`hapticnet.parts`); ``duration_us``,
+    default 1) or ``parts``, such as ``("force:3", "torque:3", "grip:1")`` (`hapticnet.parts`); ``clutched``, true while
+    the hand moves without the tool (`operator.mapping`); ``duration_us``,
     after which the run ends. `what` names the object in messages, such as "operator own.py:Mine". Raise SettingsError
     if a method cannot be called this way, or an attribute cannot be used.
     """
@@ -81,6 +82,11 @@ class UserOperator:
         self.capabilities = capabilities_of(hand, what, Capabilities(axes=of_force or 1, grounded=pushes))
         self._felt_n: Vector = (0.0,) * of_force
         self._felt_us = 0
+
+    @property
+    def clutched(self) -> bool:
+        """Whether the object lifts the clutch (`operator.mapping`); AttributeError if it has none."""
+        return bool(self.hand.clutched)  # type: ignore[attr-defined]
 
     def sample(self, t_us: int) -> PositionSample:
         """Return the position at a time [µs]; UserCodeError if the object raises, or returns an invalid position."""

@@ -32,7 +32,7 @@ SLOW_US: Final = 2_000  # mean time [µs] to an answer from which it is said
 LINES_EVERY_US: Final = 10_000_000  # shortest time [µs] between two equal lines
 
 GRIPS: Final = ("wireless_verse_grip", "custom_verse_grip", "verse_grip")
-KEYS: Final = {"axes": "axes", "axis": "axis", "scale": "scale", "max-force": "max_force_n", "button": "button"}
+KEYS: Final = {"axes": "axes", "axis": "axis", "max-force": "max_force_n", "button": "button"}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -41,7 +41,6 @@ class HaplySettings:
 
     axes: int = 1
     axis: str = "-z"  # direction of the device that leads into the tissue
-    scale: float = 1.0  # metres of the tool for a metre of the device; forces are not scaled
     max_force_n: float = USUAL_N
     button: str = "a"  # of a wireless handle, held to move the device without the tool; a wired handle has only one
 
@@ -50,7 +49,6 @@ class HaplySettings:
         for name, given, known in (("axis", self.axis, DIRECTIONS), ("button", self.button, "abc")):
             if given not in tuple(known):
                 raise SettingsError(f"{name} of the Inverse3 is {given!r}; there are: {', '.join(known)}")
-        check_parameter("scale of the Inverse3", self.scale, 0.01, 100.0)
         check_parameter("largest force of the Inverse3", self.max_force_n, 0.1, HIGHEST_N, "N")
 
 
@@ -70,7 +68,7 @@ def parse_haply(text: str) -> tuple[str, HaplySettings]:
         try:
             values[KEYS[key]] = value if key in ("axis", "button") else (int if key == "axes" else float)(value)
         except ValueError:
-            raise SettingsError(f"operator haply: {part!r} must be KEY=NUMBER, as in scale=2") from None
+            raise SettingsError(f"operator haply: {part!r} must be KEY=NUMBER, as in max-force=1") from None
     return place.partition(":")[2] or ADDRESS, HaplySettings(**values)
 
 
@@ -147,11 +145,6 @@ class HaplyOperator:
         """The force [N] last sent to the device."""
         return self._applied_n
 
-    @property
-    def scale(self) -> float:
-        """Movement of the tool over that of the device."""
-        return self.settings.scale
-
     def sample(self, t_us: int) -> PositionSample:
         """Return where the tool is at `t_us` [µs]."""
         return new_tuple(PositionSample, (t_us, self._tool_m))
@@ -194,7 +187,7 @@ class HaplyOperator:
         if clutched:
             self._held_us = None
             return
-        at_m = [self.settings.scale * sign * position_m[axis] for axis, sign in self._frame]
+        at_m = [sign * position_m[axis] for axis, sign in self._frame]
         if self._held_us is None:
             self._held_us = now_us
             self._offset_m = tuple([tool - at for tool, at in zip(self._tool_m, at_m, strict=True)])

@@ -48,6 +48,7 @@ class RemoteOperator:
         # Counts: datagrams with positions, without, and from a sender other than the one in control; withdrawals
         # because the sender was silent; forces sent back
         self.positions = self.malformed = self.unknown_peers = self.silences = self.answers = 0
+        self.clutched = False  # whether the sender moves without the tool (`operator.mapping`)
         self._sender: Hashable = None
         self._form = ARRAY
         self._heard_us: int | None = None  # on the clock of `receive`
@@ -71,7 +72,7 @@ class RemoteOperator:
                 self._lines.append(f"{_place(sender)} sends positions too; it may once {_place(self._sender)} stops")
             return
         try:
-            form, position_m = read_position(data, self.axes)
+            form, position_m, found = read_vector(data, POSITION, self.axes)
         except PeerError as error:
             self.malformed += 1
             if self.malformed == 1:
@@ -83,6 +84,7 @@ class RemoteOperator:
             self._sender = sender
             self._following = False
         self._form, self._goal_m, self._heard_us = form, position_m, now_us
+        self.clutched = found.get("clutched") is True
         self._news = self._owed = True
 
     def sample(self, t_us: int) -> PositionSample:

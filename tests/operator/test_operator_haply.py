@@ -33,16 +33,16 @@ def applied(operator, force_n, now_us, step_us=1000):
 
 def test_a_text_gives_address_and_settings():
     assert parse_haply("haply") == (ADDRESS, HaplySettings())
-    text = "haply:[::1]:5,axes=3, axis = y,scale=2,max-force=3,button=c"
-    settings = HaplySettings(axes=3, axis="y", scale=2.0, max_force_n=3.0, button="c")
+    text = "haply:[::1]:5,axes=3, axis = y,max-force=3,button=c"
+    settings = HaplySettings(axes=3, axis="y", max_force_n=3.0, button="c")
     assert parse_haply(text) == ("[::1]:5", settings)
 
 
 @pytest.mark.parametrize(
     ("text", "words"),
     [
-        ("haply,scal=2", r"has no 'scal' \(did you mean 'scale'\?\)"),
-        ("haply,scale=big", "'scale=big' must be KEY=NUMBER"),
+        ("haply,axess=2", r"has no 'axess' \(did you mean 'axes'\?\)"),
+        ("haply,max-force=big", "'max-force=big' must be KEY=NUMBER"),
         ("haply,axes=nan", "'axes=nan' must be KEY=NUMBER"),
         ("haply,axes=4", "axes of the Inverse3 is 4"),
         ("haply,axis=w", "axis of the Inverse3 is 'w'; there are: x, y, z, -x"),
@@ -61,11 +61,11 @@ def test_a_wrong_text_is_refused_in_a_sentence(text, words):
 def test_a_force_pushes_back_along_each_axis_of_the_tool(axis):
     forces = []
     for own in range(3):
-        operator = holding(axes=3, axis=axis, scale=2.0)
+        operator = holding(axes=3, axis=axis)
         force_n = applied(operator, tuple(0.1 * (each == own) for each in range(3)), 1_000_000)
         moved = {key: PLACE[key] + f for key, f in zip(PLACE, force_n, strict=True)}
         operator.receive(message(**moved), 1_000_000)
-        assert operator.sample(0).position_m == pytest.approx([-0.2 * (each == own) for each in range(3)])
+        assert operator.sample(0).position_m == pytest.approx([-0.1 * (each == own) for each in range(3)])
         forces.append(force_n)
     (a, b, c), (d, e, f), (g, h, i) = forces
     assert a * (e * i - f * h) - b * (d * i - f * g) + c * (d * h - e * g) == pytest.approx(-1e-3)  # right-handed

@@ -24,10 +24,10 @@ def held(serve, start, tmp_path):  # noqa: F811
     """Return what starts a slave with a wall, and a master whose hand holds a stand-in."""
     (tmp_path / "wall.toml").write_text(WALL)
 
-    def begin(device, options=""):
+    def begin(device, *options):
         _, address = serve("--scene", str(tmp_path / "wall.toml"))
-        operator = f"haply:{device.address},max-force=4{options}"
-        return start("master", "--connect", address, "--device", "none", "--operator", operator, "--json")
+        operator = f"haply:{device.address},max-force=4"
+        return start("master", "--connect", address, "--device", "none", "--operator", operator, "--json", *options)
 
     return begin
 
@@ -48,7 +48,7 @@ def wait_for_force(device, expected_n):
 @pytest.mark.parametrize("scale", [1.0, 0.5])
 def test_the_hand_rests_where_its_spring_and_the_scaled_wall_balance(held, scale):
     with StandIn() as device:
-        master = held(device, f",scale={scale}")
+        master = held(device, "--scale", str(scale))
         wait_for_force(device, pressed_n(scale))
         assert master.end(signal.SIGTERM) == 0
         assert device.forces[1][1] == device.force == 0.0
