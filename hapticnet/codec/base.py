@@ -77,13 +77,8 @@ class Predictive(Protocol):
         """Return what `reconstruct` would return at a future time and position [m], without changing the state."""
 
 
-CLASS_VARIABLES: Final = (
-    "name",
-    "needs_position",
-    "builds_on_earlier",
-    "receiver_has_tables",
-    "renders_model",
-    "steps",
+CLASS_VARIABLES: Final = frozenset(
+    ("name", "needs_position", "builds_on_earlier", "receiver_has_tables", "renders_model", "steps")
 )
 
 

@@ -20,7 +20,7 @@ CLOSE_S: Final = 0.2  # longest time [s] that the last message, and then the clo
 
 
 class HaplyPort(Watcher[NodeEvent]):
-    """Pass messages between the service and a `HaplyOperator`; `say` is called with each message for a person.
+    """Pass messages between the service and a `HaplyOperator`; `say` and `warn` print messages for a person.
 
     The service answers each message with one state. So a command leaves after each tick, but only one at a time: a slow
     service delays no tick and gathers no queue of old forces.
