@@ -1,13 +1,21 @@
 """Messages of ROS 2 as DDS has them: the fields of each ``.msg`` in order, and ROS's type names with ``dds_``."""
 
+import math
 import time
 from dataclasses import dataclass, field
-from typing import Final
+from typing import TYPE_CHECKING, Final
 
 from cyclonedds.idl import IdlStruct
-from cyclonedds.idl.types import int32, uint32
+from cyclonedds.idl.types import int32, sequence, uint32
 
 PREFIX: Final = "rt"  # of topics, before the name that ROS shows
+
+if TYPE_CHECKING:  # a list to Python, and a sequence to cyclonedds
+    Texts = list[str]
+    Numbers = list[float]
+else:
+    Texts = sequence[str]
+    Numbers = sequence[float]
 
 
 @dataclass
@@ -128,11 +136,32 @@ class WrenchStamped(IdlStruct, typename="geometry_msgs::msg::dds_::WrenchStamped
         return force.x, force.y, force.z, torque.x, torque.y, torque.z
 
     def put(self, values: tuple[float, ...]) -> None:
-        """Set the force [N]; the torque stays zero."""
-        self.wrench = Wrench(Vector3(*values))
+        """Set the force [N] and the torque [N·m]; without one it stays zero."""
+        self.wrench = Wrench(Vector3(*values[:3]), Vector3(*values[3:]))
 
 
-Message = PoseStamped | TransformStamped | WrenchStamped
+@dataclass
+class JointState(IdlStruct, typename="sensor_msgs::msg::dds_::JointState_"):
+    """``sensor_msgs/msg/JointState`` of one joint."""
+
+    header: Header = field(default_factory=Header)
+    name: Texts = field(default_factory=list)
+    position: Numbers = field(default_factory=list)
+    velocity: Numbers = field(default_factory=list)
+    effort: Numbers = field(default_factory=list)
+
+    def values(self) -> tuple[float, ...]:
+        """Return position [m or rad] and effort [N or N·m], NaN where there is not one."""
+        position, effort = (each[0] if len(each) == 1 else math.nan for each in (self.position, self.effort))
+        return position, effort
+
+    def put(self, values: tuple[float, ...]) -> None:
+        """Set position and effort, except where they are NaN."""
+        self.name = ["jaw"]
+        self.position, self.effort = ([] if math.isnan(each) else [each] for each in values)
+
+
+Message = PoseStamped | TransformStamped | WrenchStamped | JointState
 POSITIONS: Final[dict[str, type[PoseStamped] | type[TransformStamped]]] = {
     "PoseStamped": PoseStamped,
     "TransformStamped": TransformStamped,

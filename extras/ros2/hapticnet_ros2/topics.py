@@ -7,7 +7,8 @@ import contextlib
 import logging
 import math
 import time
-from typing import Any, Final, NamedTuple
+from collections.abc import Callable
+from typing import Any, Final, NamedTuple, TypeAlias
 from xml.sax.saxutils import quoteattr
 
 from cyclonedds.builtin import BuiltinDataReader, BuiltinTopicDcpsPublication
@@ -21,6 +22,7 @@ from hapticnet.checks import check_integer, check_parameter
 from hapticnet.errors import SettingsError
 from hapticnet_ros2.messages import POSITIONS, PREFIX, Message, PoseStamped, TransformStamped, made
 from hapticnet_ros2.settings import domain_from, topic_from
+from hapticnet_ros2.turns import SHORTEST
 
 LOG: Final = logging.getLogger("hapticnet.ros2")
 
@@ -94,13 +96,40 @@ class Dds:
         """Return the full name of a topic."""
         return topic_from(self._namespace, topic)
 
-    def input(self, topic: str, kind: type[Message]) -> "Input":
-        """Return the newest message of a topic."""
-        return Input(self._member, self.name_of(topic), kind, self._fresh_ms)
+    def input(self, topic: str, kind: type[Message], fault_of: "FaultOf | None" = None) -> "Input":
+        """Return the newest message of a topic; `fault_of` says what is wrong with its values."""
+        return Input(self._member, self.name_of(topic), kind, self._fresh_ms, fault_of or fault_of_numbers)
 
     def output(self, topic: str, kind: type[Message]) -> "Output":
         """Return what sends messages to a topic."""
         return Output(self._member, self.name_of(topic), kind, self._frame_id, reliable=self._reliable)
+
+
+FaultOf: TypeAlias = Callable[[tuple[float, ...]], str]
+"""Returns what is wrong with the values of a message; empty if nothing is."""
+
+
+def fault_of_numbers(values: tuple[float, ...]) -> str:
+    """Return what is wrong with numbers of which each counts."""
+    # Written so that NaN, which compares false with everything, is refused too.
+    is_fine = all(-LARGEST <= each <= LARGEST for each in values)
+    return "" if is_fine else "has a value that is NaN or too large"
+
+
+def fault_of_pose(values: tuple[float, ...]) -> str:
+    """Return what is wrong with a position and an orientation."""
+    has_turn = math.hypot(*values[3:]) > SHORTEST
+    return fault_of_numbers(values) or ("" if has_turn else "has no orientation: its quaternion is zero")
+
+
+def fault_of_position(values: tuple[float, ...]) -> str:
+    """Return what is wrong with a joint whose position counts."""
+    return fault_of_numbers(values[:1]) and "must have one position, a number"
+
+
+def fault_of_joint(values: tuple[float, ...]) -> str:
+    """Return what is wrong with a joint whose position and effort count."""
+    return fault_of_numbers(values) and "must have one position and one effort, both numbers"
 
 
 class Newest(NamedTuple):
@@ -113,12 +142,20 @@ class Newest(NamedTuple):
 class Input:
     """The newest valid message of a topic."""
 
-    def __init__(self, member: DomainParticipant, topic: str, kind: type[Message], fresh_ms: float) -> None:
+    def __init__(
+        self,
+        member: DomainParticipant,
+        topic: str,
+        kind: type[Message],
+        fresh_ms: float,
+        fault_of: FaultOf = fault_of_numbers,
+    ) -> None:
         check_parameter("fresh_ms", fresh_ms, 1.0, 1000.0, "ms")
         self.what = f"{kind.__name__} on {topic}"
         self.newest = Newest((), -math.inf)
         self.fresh_s = 1e-3 * fresh_ms
         self.fault: str | None = None
+        self._fault_of = fault_of
         self._topic, self._member = Topic(member, PREFIX + topic, kind, qos=TOPIC), member
         self._reader: Any = DataReader(member, self._topic, qos=BEST_EFFORT)
         self._stamp = (0, 0)
@@ -151,9 +188,8 @@ class Input:
             return  # a node repeats the last message of a robot that has stopped
         self._stamp = stamp
         values = message.values()
-        # Written so that NaN, which compares false with everything, is refused too.
-        if not all(-LARGEST <= each <= LARGEST for each in values):
-            self._refuse("has a value that is NaN or too large")
+        if wrong := self._fault_of(values):
+            self._refuse(wrong)
             return
         # A message may have waited here since the last poll, so its arrival does not tell its age. The difference
         # of the sender's stamps tells how much younger it is than the message before; the clocks need not agree. The

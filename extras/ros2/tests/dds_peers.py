@@ -10,7 +10,18 @@ from cyclonedds.sub import DataReader
 from cyclonedds.topic import Topic
 
 import hapticnet as hn
-from hapticnet_ros2.messages import Header, Point, Pose, PoseStamped, Quaternion, Time, Vector3, Wrench, WrenchStamped
+from hapticnet_ros2.messages import (
+    Header,
+    JointState,
+    Point,
+    Pose,
+    PoseStamped,
+    Quaternion,
+    Time,
+    Vector3,
+    Wrench,
+    WrenchStamped,
+)
 from hapticnet_ros2.topics import BEST_EFFORT, RELIABLE, TOPIC, participant
 
 DOMAIN = 88
@@ -19,12 +30,16 @@ CALM = HERE | {"fresh_ms": 200.0}  # processes of a busy machine stand still for
 POSE, WRENCH = (f"geometry_msgs::msg::dds_::{each}Stamped_" for each in ("Pose", "Wrench"))
 
 
-def pose(x=0.0, y=0.0, z=0.0, stamp=None):
-    return PoseStamped(Header(stamp or now()), Pose(Point(x, y, z), Quaternion()))
+def pose(x=0.0, y=0.0, z=0.0, stamp=None, turn=(0.0, 0.0, 0.0, 1.0)):
+    return PoseStamped(Header(stamp or now()), Pose(Point(x, y, z), Quaternion(*turn)))
 
 
-def wrench(x=0.0, y=0.0, z=0.0, stamp=None):
-    return WrenchStamped(Header(stamp or now()), Wrench(Vector3(x, y, z)))
+def wrench(x=0.0, y=0.0, z=0.0, stamp=None, torque=()):
+    return WrenchStamped(Header(stamp or now()), Wrench(Vector3(x, y, z), Vector3(*torque)))
+
+
+def joint(position, effort=None):
+    return JointState(Header(now()), ["jaw"], [position], [], [] if effort is None else [effort])
 
 
 def now():

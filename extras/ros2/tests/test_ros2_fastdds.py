@@ -1,3 +1,4 @@
+import math
 import os
 import shutil
 import signal
@@ -42,6 +43,18 @@ def test_another_implementation_of_dds_reads_and_writes_the_same(fast_robot, spa
         assert force_n == (0.0,)
         assert statistics.quantiles(took_s, n=20)[-1] < 0.01
         process.send_signal(signal.SIGCONT)
-        received, x_m, z_m, w = process.communicate()[0].split()
-    assert int(received) > 500
-    assert (float(x_m), float(z_m), float(w)) == (0.0, 0.095, 1.0)
+        received, *told = map(float, process.communicate()[0].split())
+    assert received > 200
+    assert told == [0.0, 0.095, 0.0, 1.0, 0.04]
+
+
+def test_it_reads_and_writes_orientation_wrench_and_jaw_too(fast_robot, space, made):
+    with subprocess.Popen([fast_robot, str(DOMAIN), space, "reliable"], stdin=-1, stdout=-1, text=True) as process:
+        robot = made(Robot(space, "xyz", parts="force+torque+grip", **CALM))
+        until_s = time.monotonic() + 5.0
+        while not (robot._zero_m and robot._opening) and time.monotonic() < until_s:
+            settle(robot, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.04)
+        felt = settle(robot, 0.0, 0.0, -0.005, 0.0, 0.0, 0.2, 0.02, seconds=1.0)
+        assert felt == pytest.approx((0.0, 0.0, -2.0, 0.0, 0.0, 0.1, -2.0), abs=1e-6)
+        _, *told = map(float, process.communicate()[0].split())
+    assert told == pytest.approx([0.0, 0.095, math.sin(0.1), math.cos(0.1), 0.02], abs=1e-6)

@@ -4,7 +4,18 @@ from types import SimpleNamespace
 import pytest
 from dds_peers import HERE, wrench
 
-from hapticnet_ros2.messages import Header, Point, Pose, PoseStamped, Quaternion, Time, Vector3, Wrench, WrenchStamped
+from hapticnet_ros2.messages import (
+    Header,
+    JointState,
+    Point,
+    Pose,
+    PoseStamped,
+    Quaternion,
+    Time,
+    Vector3,
+    Wrench,
+    WrenchStamped,
+)
 from hapticnet_ros2.topics import Input, participant
 
 
@@ -33,6 +44,20 @@ def test_a_wrench_aligns_its_doubles_after_a_frame_of_any_length():
         big = struct.pack(">iII", 7, 8, len(text)) + text
         big += bytes(-len(big) % 8)
         assert WrenchStamped.deserialize(b"\0\0\0\0" + big + struct.pack(">6d", 1, 2, 3, 4, 5, 6)) == message
+
+
+def test_a_joint_has_the_bytes_of_the_specification():
+    by_hand = bytes.fromhex(
+        "00010000 01000000 02000000"  # encapsulation and stamp
+        "05000000 61626364 00000000"  # frame, and padding to 4
+        "01000000 04000000 6a617700"  # one name
+        "01000000 00000000 000000000000e03f"  # one position, aligned to 8: 36 bytes so far
+        "00000000"  # no velocity
+        "01000000 0000000000000040"  # one effort
+    )
+    message = JointState(Header(Time(1, 2), "abcd"), ["jaw"], [0.5], [], [2.0])
+    assert message.serialize(use_version_2=False) == by_hand
+    assert JointState.deserialize(by_hand) == message
 
 
 class Sent:
