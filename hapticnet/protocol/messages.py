@@ -444,7 +444,8 @@ def unpack_close(body: bytes) -> Close:
 
 def unpack_notice(body: bytes) -> Notice:
     """Return the NOTICE in a body; raise PeerError if it is invalid."""
-    *_, shapes = (*unpack_body(body, 2, optional=1), None)[:3]
+    fields = unpack_body(body, 2, optional=1)
+    shapes = fields[2] if len(fields) > 2 else None
     _require(shapes is None or type(shapes) is bytes, "shapes", shapes)
     return Notice(*_reason_and_code(body), shapes)
 
