@@ -24,17 +24,9 @@ from hapticnet.checks import axes_of
 from hapticnet.errors import SampleError
 from hapticnet.samples import ForceSample, PositionSample, Vector, checked_vector
 from hapticnet.scene.ahead import REACH_M, LayerAhead
-from hapticnet.scene.settings import (
-    LARGEST_RING_M_S2,
-    LARGEST_SPEED_M_PER_S,
-    AnyBody,
-    BodySceneSettings,
-    Contact,
-    Plane,
-    Sphere,
-)
+from hapticnet.scene.settings import LARGEST_SPEED_M_PER_S, AnyBody, BodySceneSettings, Contact, Plane, Sphere
 from hapticnet.scene.shapes import Shape
-from hapticnet.scene.vibration import LONGEST_STROKE_US, Texture, Vibrations
+from hapticnet.scene.vibration import Texture, Vibrations
 from hapticnet.vectors import along, distance, dot, magnitude, minus, moved, over, plus, times
 
 if TYPE_CHECKING:
@@ -222,10 +214,8 @@ class Touch:
             vibrations.textures.append(self._texture)
         way = minus(tool_m, before_m)
         inward = self._surface.inward(self._surface.nearest(tool_m))
-        if touches and not self._touched and 0 < elapsed_us < LONGEST_STROKE_US:
-            speed = min(1e6 * max(dot(way, inward), 0.0) / elapsed_us, LARGEST_SPEED_M_PER_S)
-            amplitude = min(body.touch_per_s * speed, LARGEST_RING_M_S2)
-            vibrations.strike(t_us, amplitude, body.ring_hz, body.ring_decay_per_s)
+        if touches and not self._touched:
+            vibrations.touch(t_us, elapsed_us, dot(way, inward), body)
         if self._texture is not None:
             along_m = magnitude(along(way, -dot(way, inward), inward)) if touches and self._touched else 0.0
             self._texture.slide(t_us, along_m)
@@ -262,12 +252,12 @@ class BodyScene:
         self.axes = settings.axes
         self.bodies = settings.bodies
         self._in_time = any(body.depends_on_time for body in self.bodies)
-        self._vibrations = Vibrations() if any(body.ring_hz or body.texture_m for body in self.bodies) else None
-        self.vibration: Vibrate | None = None if self._vibrations is None else self._vibrations.samples
         self.reset()
 
     def reset(self) -> None:
         """Take the tool away from all bodies."""
+        self._vibrations = Vibrations() if any(body.ring_hz or body.texture_m for body in self.bodies) else None
+        self.vibration: Vibrate | None = None if self._vibrations is None else self._vibrations.samples
         self._zero: Vector = (0.0,) * self.axes
         self._touches = [Touch(body) for body in self.bodies]
         self._tool_m: Vector | None = None

@@ -28,14 +28,7 @@ from hapticnet.errors import SampleError
 from hapticnet.samples import LARGEST_COMPONENT, ForceSample, PositionSample, checked_vector, new_tuple
 from hapticnet.scene.ahead import REACH_M, LayerAhead
 from hapticnet.scene.layer import Layer, Needle, bound_of
-from hapticnet.scene.settings import (
-    LARGEST_RING_M_S2,
-    LARGEST_SPEED_M_PER_S,
-    Contact,
-    SceneSettings,
-    Tissue,
-    front_to_back,
-)
+from hapticnet.scene.settings import Contact, SceneSettings, Tissue, front_to_back
 from hapticnet.scene.vibration import LONGEST_STROKE_US, Vibrations
 from hapticnet.stiffness_bound import StiffnessBound
 
@@ -63,15 +56,15 @@ class Scene:
         self.reach_m = reach_m
         self.tissues = front_to_back(tissues)
         self.breaches = 0  # number of breaches so far. `reset` does not change it.
-        self._vibrations = Vibrations() if any(tissue.ring_hz for tissue in self.tissues) else None
-        self.vibration: Vibrate | None = None if self._vibrations is None else self._vibrations.samples
-        self._broken: list[Tissue] = []  # in the newest step, if they ring
-        self._stamp_us = 0
         self._depends_on_time = any(tissue.depends_on_time for tissue in self.tissues)
         self.reset()
 
     def reset(self) -> None:
         """Withdraw the needle and heal every tissue."""
+        self._vibrations = Vibrations() if any(tissue.ring_hz for tissue in self.tissues) else None
+        self.vibration: Vibrate | None = None if self._vibrations is None else self._vibrations.samples
+        self._broken: list[Tissue] = []  # in the newest step, if they ring
+        self._stamp_us = -LONGEST_STROKE_US  # so that the first step strikes nothing
         self.force_n = 0.0  # the newest force [N]
         self._bound: StiffnessBound | None = None
         self._needle = Needle()
@@ -174,13 +167,9 @@ class Scene:
         for tissue in self._broken:
             vibrations.strike(t_us, tissue.breach_m_s2, tissue.ring_hz, tissue.ring_decay_per_s)
         self._broken.clear()
-        if before_m < tip_m and 0 < elapsed_us < LONGEST_STROKE_US:
-            speed = min(1e6 * (tip_m - before_m) / elapsed_us, LARGEST_SPEED_M_PER_S)
-            for layer in self._layers:
-                if not layer.breached and before_m <= layer.surface.position_m() < tip_m:
-                    of = layer.tissue
-                    amplitude = min(of.touch_per_s * speed, LARGEST_RING_M_S2)
-                    vibrations.strike(t_us, amplitude, of.ring_hz, of.ring_decay_per_s)
+        for layer in self._layers:
+            if not layer.breached and before_m <= layer.surface.position_m() < tip_m:
+                vibrations.touch(t_us, elapsed_us, tip_m - before_m, layer.tissue)
 
     def _await_withdrawal(self, layer: Layer) -> None:
         # A surface only moves back toward rest, so its present position is a bound. No two layers rest at the same

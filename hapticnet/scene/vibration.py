@@ -12,11 +12,15 @@ non-integer harmonic decay of the interaction of a finger sliding on flat and si
 
 import math
 from collections import deque
-from typing import Final
+from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
 from hapticnet.arrays import FloatArray
+from hapticnet.scene.settings import LARGEST_RING_M_S2, LARGEST_SPEED_M_PER_S
+
+if TYPE_CHECKING:
+    from hapticnet.scene.settings import Body, Tissue
 
 LONGEST_STROKE_US: Final = 100_000  # the speed of a tool is not known after a longer time without a position
 MOST_RINGS: Final = 32  # most strikes that ring at once: the newest
@@ -71,6 +75,12 @@ class Vibrations:
         """Begin to ring at a time [µs]."""
         if amplitude_m_s2 > SILENT_M_S2:
             self._rings.append((t_us, amplitude_m_s2, hz, decay_per_s))
+
+    def touch(self, t_us: int, elapsed_us: int, way_m: float, of: "Tissue | Body") -> None:
+        """Ring, because a step of the tool by `way_m` into a surface touched it."""
+        if way_m > 0.0 and 0 < elapsed_us < LONGEST_STROKE_US:
+            speed = min(1e6 * way_m / elapsed_us, LARGEST_SPEED_M_PER_S)
+            self.strike(t_us, min(of.touch_per_s * speed, LARGEST_RING_M_S2), of.ring_hz, of.ring_decay_per_s)
 
     def samples(self, start_us: int, count: int, rate_hz: float) -> list[float] | None:
         """Return `count` accelerations [m/s²] from a time on; None if nothing vibrates."""

@@ -124,3 +124,12 @@ def test_values_out_of_range_are_refused(key, value):
         Tissue(**TISSUE, **{key: value})
     with pytest.raises(SettingsError, match="texture_m"):
         Plane(**PLANE, texture_m=0.2)
+
+
+def test_a_needle_that_begins_in_a_tissue_strikes_nothing():
+    scene = Scene([Tissue(**TISSUE, **RINGS)])
+    for _ in range(2):
+        for step in range(1, 30):
+            scene.step(PositionSample(1000 * step, (0.012,)))
+        assert scene.vibration(10_000, 28, RATE_HZ) is None
+        scene.reset()
