@@ -94,6 +94,7 @@ class Shaker(Protocol):
 
 
 MOST_WAITING: Final = 16  # frames that wait to be played
+MOST_FRAMES_HZ: Final = 200.0  # frames that are read: twice as many as a slave sends
 FADE: Final = 0.75  # share of a sample that the next one keeps where no frame is at hand: a third after 1.4 ms
 RISE: Final = (0.25, 0.5, 0.75)  # shares of the first samples after that
 SILENT_M_S2: Final = 1e-3  # below this, a fade has ended
@@ -115,6 +116,7 @@ class VibrationPlayer:
         self._shaker = shaker
         self._codec = VibrationCodec(threshold_m_s2)
         self._waiting: list[tuple[int, list[float]]] = []  # times at the slave [µs] and samples of frames, oldest first
+        self._policed = TokenBucket(MOST_FRAMES_HZ, float(MOST_WAITING))
         self._wait_us = 0  # from the time of a frame until it is played
         self._heard_us = 0
         self._late_in_a_row = 0
@@ -130,6 +132,9 @@ class VibrationPlayer:
 
     def receive(self, t_us: int, payload: bytes, before: bytes | None, now_us: int) -> None:
         """Take a frame that begins at `t_us`, and the one before it if it is missing; PeerError if one is malformed."""
+        if not self._policed.take(now_us):  # before it costs time
+            self.late += 1
+            return
         earlier_us = t_us - FRAME_US
         if before is not None and earlier_us >= self._end_us and all(at_us != earlier_us for at_us, _ in self._waiting):
             self._take(earlier_us, before, now_us)
