@@ -40,6 +40,8 @@ def make_codec(name: str, law: WeberLaw, parameters: Mapping[str, float] | None 
     codec has no such parameter; the message lists the known ones.
     """
     if isinstance(law, PartsLaw):
+        if getattr(all_codecs().get(name), "renders_model", False):  # made for forces and places, not for torques
+            raise SettingsError(f"codec {name!r} renders a model of what is touched, which is for one part only")
         return codec_of_parts(law, [make_codec(name, each, parameters) for each in law.laws])
     made = CODECS.get(name) or _user_codecs.get(name)
     if made is None:

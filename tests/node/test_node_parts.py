@@ -152,9 +152,11 @@ def test_a_scene_with_other_parts_refuses_and_names_both():
     )
 
 
-def test_a_coupling_with_an_end_at_the_slave_and_a_scene_without_a_hand_are_refused_at_once():
+def test_what_is_for_one_part_only_and_a_scene_without_a_hand_are_refused_at_once():
     with pytest.raises(SettingsError, match="for one part only"):
         hn.virtual_link(scene=Knob(), operator=Turning(), coupling="wave-variables")
+    with pytest.raises(SettingsError, match="a model of what is touched, which is for one part only"):
+        hn.virtual_link(scene=Knob(), operator=Turning(), codec="model-mediated")
     with pytest.raises(SettingsError, match="give an operator"):
         hn.virtual_link(scene=Knob())
 
