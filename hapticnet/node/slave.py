@@ -260,13 +260,14 @@ class SlaveNode:
         was_paused = context.paused
         try:
             answer = step(now_us)
-            vibrations = context.vibrations(now_us) if context.vibrates else ()
+            vibrations = context.vibrations(now_us) if context.vibrates else None
         except SceneFailedError as failure:
             self._end(context, str(failure), now_us, code=Code.FAILED)
             return
         if answer is not None:
             self._outbox.append((answer, context.address))
-        self._outbox += [(data, context.address) for data in vibrations]
+        if vibrations:
+            self._outbox += [(data, context.address) for data in vibrations]
         if context.reckoning is not None:  # checked here, to keep the path of a position short
             self._steps.note(context)
         if context.paused is not None and was_paused is None:
