@@ -14,7 +14,17 @@ from hapticnet import perception
 from hapticnet.codec import values
 from hapticnet.control import hold
 from hapticnet.node.settings import SlaveSettings
-from hapticnet.protocol import handshake, master_session, master_stream, messages, repair, slave_session, stats, wire
+from hapticnet.protocol import (
+    handshake,
+    master_session,
+    master_stream,
+    messages,
+    repair,
+    seal,
+    slave_session,
+    stats,
+    wire,
+)
 from hapticnet.protocol.settings import RepairSettings, SessionSettings
 from hapticnet.samples import LARGEST_COMPONENT, MAX_AXES, MOST_COMPONENTS
 
@@ -81,6 +91,9 @@ NUMBERS: dict[str, dict[str, float]] = {
         "HELLO_GROWTH": handshake.GROWTH,
         "STALE_GROWTH": master_stream.STALE_GROWTH,
         "RECENT": master_stream.RECENT,
+        "TAG_BYTES": seal.TAG_BYTES,
+        "EPOCH_BITS": seal.EPOCH_BITS,
+        "LAST_SEQUENCE": seal.LAST_SEQUENCE,
         "FASTEST_RATE_HZ": SlaveSettings().fastest_rate_hz,
         "POLICED_SHARE": slave_session.POLICED_SHARE,
         "POLICED_BURST_S": slave_session.POLICED_BURST_S,

@@ -17,6 +17,7 @@ typedef struct {
     hn_maybe after_leap;           /* the number that would show that a leap is right */
     uint32_t behind;               /* the last arrival far behind the newest, and how many came in a row */
     unsigned behind_run;
+    bool authentic; /* a seal proves each number */
 } hn_arrivals;
 
 /* The share of lost datagrams, and of losses that another one follows. */
@@ -102,16 +103,31 @@ typedef struct {
     int64_t felt_t_us, felt_us;
 } hn_stream;
 
+struct hn_master;
+
+/* How sealed sessions are made; NULL for open ones. hapticnet_sealed.h has it. */
+typedef struct {
+    void (*ask)(struct hn_master *m, const uint8_t *request, size_t size);
+    void (*hello)(void *keys, const uint8_t **noise1, size_t *size, const uint8_t **mac);
+    size_t (*answer)(void *keys, const uint8_t *noise2, size_t size, uint8_t *plain);
+    void (*use)(void *keys, unsigned stream);
+    size_t (*seal)(void *keys, unsigned stream, uint8_t *data, size_t size);
+    bool (*open)(void *keys, unsigned stream, const uint8_t *data, size_t size, uint32_t sequence, size_t body,
+                 uint8_t *plain);
+} hn_sealing;
+
 typedef struct hn_master {
     hn_state state;
     hn_request request;
     hn_entropy *entropy;
     void *context;
+    const hn_sealing *sealing;
+    void *keys;
     hn_counts counts;
     char reason[HN_REASON_BYTES + 1];
     unsigned code;
     /* asking for a session */
-    bool asking, attempted, has_cookie, tried, hello_due;
+    bool asking, attempted, hinted, has_cookie, tried, hello_due;
     uint32_t nonce;
     uint8_t cookie[HN_COOKIE_BYTES];
     int64_t clock_us, cookie_us, tried_us, hello_interval_us, refused_wait_us;

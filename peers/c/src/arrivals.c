@@ -29,15 +29,16 @@ static void move_to(hn_arrivals *a, uint32_t sequence, int64_t ahead)
     a->behind_run = 0;
 }
 
-void hn_arrivals_init(hn_arrivals *a, uint32_t first)
+void hn_arrivals_init(hn_arrivals *a, uint32_t first, bool authentic)
 {
+    a->authentic = authentic;
     move_to(a, first, HN_WINDOW);
     a->behind = first;
 }
 
 static bool newest_was_wrong(hn_arrivals *a, uint32_t sequence, int64_t behind)
 {
-    if (behind <= HN_MISORDER)
+    if (a->authentic || behind <= HN_MISORDER)
         return false;
     a->behind_run = hn_distance(sequence, a->behind) > 0 ? a->behind_run + 1 : 1;
     a->behind = sequence;
@@ -47,11 +48,11 @@ static bool newest_was_wrong(hn_arrivals *a, uint32_t sequence, int64_t behind)
 hn_arrival hn_arrive(hn_arrivals *a, uint32_t sequence)
 {
     int64_t ahead = hn_distance(sequence, a->newest);
-    if (0 < ahead && ahead < HN_LEAP) {
+    if (0 < ahead && (a->authentic || ahead < HN_LEAP)) {
         move_to(a, sequence, ahead);
         return HN_NEW;
     }
-    if (-HN_LEAP < ahead && ahead <= 0) {
+    if (ahead <= 0 && (a->authentic || -HN_LEAP < ahead)) {
         if (-ahead < HN_WINDOW && *word(a, sequence) & bit(sequence))
             return HN_DUPLICATE;
         if (-ahead < HN_WINDOW)

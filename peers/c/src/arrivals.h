@@ -6,7 +6,7 @@
 
 typedef enum { HN_NEW, HN_LATE, HN_DUPLICATE, HN_ASTRAY } hn_arrival;
 
-void hn_arrivals_init(hn_arrivals *a, uint32_t first);
+void hn_arrivals_init(hn_arrivals *a, uint32_t first, bool authentic);
 hn_arrival hn_arrive(hn_arrivals *a, uint32_t sequence);
 
 void hn_loss_init(hn_loss *l, uint32_t first);

@@ -12,6 +12,11 @@ static bool is_streaming(const hn_master *m)
     return m->state == HN_ESTABLISHED || m->state == HN_STALE;
 }
 
+static uint32_t version(const hn_master *m)
+{
+    return m->sealing != NULL ? 2 : 1;
+}
+
 /* Asking for a session */
 
 static void ask(hn_master *m)
@@ -28,14 +33,39 @@ static void stop_asking(hn_master *m)
     m->asking = m->attempted = m->hello_due = false;
 }
 
+static hn_bytes pack_request(const hn_master *m, uint8_t *packed, size_t size)
+{
+    hn_asked asked = {
+        .codec = hn_text(m->request.codec),
+        .weber_fraction = m->request.weber_fraction,
+        .floor_n = m->request.floor_n,
+        .multiplier = m->request.multiplier,
+        .rate_hz = m->request.rate_hz,
+        .axes = m->request.axes,
+        .name = hn_text(m->request.name),
+        .ticket = {m->had_session ? m->ticket : NULL, HN_TICKET_BYTES},
+        .clock_us = (uint64_t)m->clock_us,
+    };
+    for (; asked.count < HN_MOST_PARAMETERS && m->request.parameters[asked.count].name != NULL; asked.count++) {
+        const hn_parameter *parameter = &m->request.parameters[asked.count];
+        asked.parameters[asked.count] = (hn_named){hn_text(parameter->name), parameter->value};
+    }
+    return hn_pack_asked(packed, size, &asked);
+}
+
 static void begin_attempt(hn_master *m, int64_t now_us)
 {
+    uint8_t packed[HN_DATAGRAM_BYTES];
     m->attempted = true;
-    m->has_cookie = false;
+    m->has_cookie = m->hinted = false;
     m->nonce = m->entropy(m->context);
     m->clock_us = now_us;
     if (m->tries == 0)
         m->hello_interval_us = HN_HELLO_INTERVAL_US;
+    if (m->sealing != NULL) {
+        hn_bytes request = pack_request(m, packed, sizeof packed);
+        m->sealing->ask(m, request.at, request.size);
+    }
 }
 
 static void tick_asking(hn_master *m, int64_t now_us)
@@ -80,27 +110,19 @@ static const char *take_settings(const hn_request *request, hn_settings *s)
     return NULL;
 }
 
-static size_t send_hello(hn_master *m, uint8_t *data)
+static size_t send_hello(const hn_master *m, uint8_t *data)
 {
     uint8_t packed[HN_DATAGRAM_BYTES];
-    hn_asked asked = {
-        .codec = hn_text(m->request.codec),
-        .weber_fraction = m->request.weber_fraction,
-        .floor_n = m->request.floor_n,
-        .multiplier = m->request.multiplier,
-        .rate_hz = m->request.rate_hz,
-        .axes = m->request.axes,
-        .name = hn_text(m->request.name),
-        .ticket = {m->had_session ? m->ticket : NULL, HN_TICKET_BYTES},
-        .clock_us = (uint64_t)m->clock_us,
-    };
-    for (; asked.count < HN_MOST_PARAMETERS && m->request.parameters[asked.count].name != NULL; asked.count++) {
-        const hn_parameter *parameter = &m->request.parameters[asked.count];
-        asked.parameters[asked.count] = (hn_named){hn_text(parameter->name), parameter->value};
+    hn_hello hello = {.nonce = m->nonce, .cookie = {m->cookie, m->has_cookie ? HN_COOKIE_BYTES : 0}};
+    if (m->sealing == NULL) {
+        hello.request = pack_request(m, packed, sizeof packed);
+        return hn_write_hello(data, 0, &hello);
     }
-    hn_bytes cookie = {m->cookie, m->has_cookie ? HN_COOKIE_BYTES : 0};
-    hn_hello hello = {m->nonce, cookie, hn_pack_asked(packed, sizeof packed, &asked), {NULL, 0}};
-    return hn_write_hello(data, 0, &hello);
+    hello.mac.size = 16;
+    m->sealing->hello(m->keys, &hello.request.at, &hello.request.size, &hello.mac.at);
+    size_t size = hn_write_hello(data, 0, &hello);
+    data[1] = 2;
+    return size;
 }
 
 /* Sessions */
@@ -118,6 +140,11 @@ static void note_reason(hn_master *m, const hn_ending *ending)
     m->code = ending->code;
 }
 
+static unsigned stream_index(const hn_master *m, const hn_stream *s)
+{
+    return (unsigned)(s - m->streams);
+}
+
 /* Use a granted session. The force of the one before continues until the first of this one is applied. */
 static void begin(hn_master *m, const hn_grant *grant, uint32_t sequence, int64_t now_us)
 {
@@ -128,10 +155,12 @@ static void begin(hn_master *m, const hn_grant *grant, uint32_t sequence, int64_
     next->answers = true;
     next->number = grant->session;
     next->sequence = 1;
-    hn_arrivals_init(&next->arrivals, sequence);
+    hn_arrivals_init(&next->arrivals, sequence, m->sealing != NULL);
     hn_loss_init(&next->loss, sequence);
     hn_decoder_init(&next->decoder, &settings);
     m->now = next;
+    if (m->sealing != NULL)
+        m->sealing->use(m->keys, stream_index(m, next));
     if (m->felt != next)
         m->felt->answers = m->felt->answers && m->felt->newest_force.is_set;
 
@@ -165,42 +194,65 @@ static void receive_cookie(hn_master *m, const hn_frame *frame, int64_t now_us)
     }
 }
 
-static void receive_welcome(hn_master *m, const hn_frame *frame, int64_t now_us)
+static void refused(hn_master *m, const hn_ending *refusal, int64_t now_us)
 {
-    hn_answer welcome;
+    note_reason(m, refusal);
+    if (!m->had_session && refusal->code != HN_CODE_STOPPING) {
+        end(m);
+        return;
+    }
+    m->attempted = m->hello_due = false; /* ask again, later after each refusal */
+    m->hello_interval_us = m->refused_wait_us;
+    m->refused_wait_us *= 2;
+    if (m->refused_wait_us > HN_SLOWEST_RETRY_US)
+        m->refused_wait_us = HN_SLOWEST_RETRY_US;
+    m->tries = 0;
+    m->tried = true;
+    m->tried_us = now_us;
+}
+
+/* Take in a grant or, from a sealed WELCOME, a refusal. */
+static void receive_granted(hn_master *m, hn_bytes granted, uint32_t sequence, int64_t now_us)
+{
     hn_grant grant;
-    if (!hn_read_answer(frame->body, HN_WELCOME, &welcome))
-        m->counts.malformed++;
-    else if (!m->attempted || welcome.nonce != m->nonce || frame->version != 1)
-        m->counts.stray++;
-    else if (!hn_read_grant(welcome.bytes, &grant) || grant.announced || grant.predicted || grant.vibrates ||
+    hn_ending refusal;
+    if (m->sealing != NULL && hn_read_ending(granted, HN_REFUSE, &refusal) && refusal.nonce == 0)
+        refused(m, &refusal, now_us);
+    else if (!hn_read_grant(granted, &grant) || grant.announced || grant.predicted || grant.vibrates ||
              grant.position_share > 0.0)
         m->counts.malformed++; /* it has something that was not asked for */
     else
-        begin(m, &grant, frame->sequence, now_us);
+        begin(m, &grant, sequence, now_us);
+}
+
+static void receive_welcome(hn_master *m, const hn_frame *frame, int64_t now_us)
+{
+    uint8_t plain[HN_DATAGRAM_BYTES];
+    hn_answer welcome;
+    if (!hn_read_answer(frame->body, HN_WELCOME, &welcome)) {
+        m->counts.malformed++;
+    } else if (!m->attempted || welcome.nonce != m->nonce || frame->version != version(m)) {
+        m->counts.stray++;
+    } else if (m->sealing == NULL) {
+        receive_granted(m, welcome.bytes, frame->sequence, now_us);
+    } else { /* nothing authenticates the sequence of a sealed WELCOME: it is taken as 0 */
+        hn_bytes opened = {plain, m->sealing->answer(m->keys, welcome.bytes.at, welcome.bytes.size, plain)};
+        receive_granted(m, opened, 0, now_us);
+    }
 }
 
 static void receive_refuse(hn_master *m, const hn_frame *frame, int64_t now_us)
 {
-    hn_ending refuse;
-    if (!hn_read_ending(frame->body, HN_REFUSE, &refuse)) {
+    hn_ending refusal;
+    if (!hn_read_ending(frame->body, HN_REFUSE, &refusal)) {
         m->counts.malformed++;
-    } else if (!m->attempted || refuse.nonce != m->nonce) {
+    } else if (!m->attempted || refusal.nonce != m->nonce || m->hinted) {
         m->counts.stray++;
-    } else {
-        note_reason(m, &refuse);
-        if (!m->had_session && refuse.code != HN_CODE_STOPPING) {
-            end(m);
-            return;
-        }
-        m->attempted = m->hello_due = false; /* ask again, later after each refusal */
-        m->hello_interval_us = m->refused_wait_us;
-        m->refused_wait_us *= 2;
-        if (m->refused_wait_us > HN_SLOWEST_RETRY_US)
-            m->refused_wait_us = HN_SLOWEST_RETRY_US;
-        m->tries = 0;
-        m->tried = true;
-        m->tried_us = now_us;
+    } else if (m->sealing == NULL) {
+        refused(m, &refusal, now_us);
+    } else { /* not authentic, so only a hint */
+        m->hinted = true;
+        note_reason(m, &refusal);
     }
 }
 
@@ -221,7 +273,9 @@ static bool needs_another(hn_master *m, int64_t now_us)
         return true;
     /* A link that is too slow for this session would be too slow for another. */
     bool is_slow = m->too_old && 0 <= too_old_us && too_old_us <= HN_ASK_AGAIN_US;
-    return m->state == HN_STALE && now_us - m->stale_us > HN_ASK_AGAIN_US && !is_slow;
+    if (m->state == HN_STALE && now_us - m->stale_us > HN_ASK_AGAIN_US && !is_slow)
+        return true;
+    return m->sealing != NULL && m->now->sequence > HN_LAST_SEQUENCE - HN_RECENT; /* its numbers run out */
 }
 
 static void stop_asking_if_content(hn_master *m, int64_t now_us)
@@ -409,18 +463,29 @@ static void receive_reset(hn_master *m, const hn_frame *frame)
         m->doubted = true;
 }
 
-static void receive_data(hn_master *m, const hn_frame *frame, int64_t now_us)
+static void receive_data(hn_master *m, hn_bytes datagram, hn_frame *frame, int64_t now_us)
 {
+    uint8_t plain[HN_DATAGRAM_BYTES];
     hn_stream *s = m->now->answers && frame->session == m->now->number     ? m->now
                    : m->felt->answers && frame->session == m->felt->number ? m->felt
                                                                            : NULL;
-    if (s != NULL && frame->kind == HN_FORCE)
+    bool is_answer = frame->kind == HN_FORCE || frame->kind == HN_KEEPALIVE;
+    bool is_ours = s != NULL && (is_answer || (s == m->now && (frame->kind == HN_CLOSE || frame->kind == HN_NOTICE)));
+    if (is_ours && m->sealing != NULL) {
+        if (!m->sealing->open(m->keys, stream_index(m, s), datagram.at, datagram.size, frame->sequence,
+                              frame->body.size, plain)) {
+            m->counts.malformed++;
+            return;
+        }
+        frame->body = (hn_bytes){plain, frame->body.size - HN_TAG_BYTES};
+    }
+    if (is_ours && frame->kind == HN_FORCE)
         receive_force(m, s, frame, now_us);
-    else if (s != NULL && frame->kind == HN_KEEPALIVE)
+    else if (is_ours && frame->kind == HN_KEEPALIVE)
         receive_keepalive(m, s, frame, now_us);
-    else if (s == m->now && frame->kind == HN_CLOSE)
+    else if (is_ours && frame->kind == HN_CLOSE)
         receive_close(m, frame);
-    else if (s == m->now && frame->kind == HN_NOTICE)
+    else if (is_ours)
         receive_notice(m, frame);
     else if (s == m->now && frame->kind == HN_RESET)
         receive_reset(m, frame);
@@ -430,8 +495,9 @@ static void receive_data(hn_master *m, const hn_frame *frame, int64_t now_us)
 
 void hn_master_receive(hn_master *m, const void *datagram, size_t size, int64_t now_us)
 {
+    hn_bytes data = {datagram, size};
     hn_frame frame;
-    if (!hn_read_frame((hn_bytes){datagram, size}, &frame))
+    if (!hn_read_frame(data, &frame))
         m->counts.malformed++;
     else if (m->state == HN_CLOSED)
         m->counts.stray++;
@@ -441,8 +507,8 @@ void hn_master_receive(hn_master *m, const void *datagram, size_t size, int64_t 
         receive_welcome(m, &frame, now_us);
     else if (frame.kind == HN_REFUSE)
         receive_refuse(m, &frame, now_us);
-    else if (frame.version == 1)
-        receive_data(m, &frame, now_us);
+    else if (frame.version == version(m))
+        receive_data(m, data, &frame, now_us);
     else
         m->counts.stray++;
 }
@@ -530,22 +596,24 @@ static size_t send_position(hn_master *m, uint8_t *data)
     return hn_write_position(data, s->number, s->sequence++, &position);
 }
 
+static size_t send_close(hn_master *m, uint8_t *data)
+{
+    hn_ending close = {.reason = hn_text(m->reason)};
+    return hn_write_ending(data, HN_CLOSE, m->now->number, m->now->sequence++, &close);
+}
+
 size_t hn_master_send(hn_master *m, uint8_t datagram[HN_DATAGRAM_BYTES])
 {
+    bool close = m->close_due, position = m->position_due && is_streaming(m);
     if (m->hello_due) {
         m->hello_due = false;
         return send_hello(m, datagram);
     }
-    if (m->close_due) {
-        hn_ending close = {.reason = hn_text(m->reason)};
-        m->close_due = false;
-        return hn_write_ending(datagram, HN_CLOSE, m->now->number, m->now->sequence++, &close);
-    }
-    if (m->position_due) {
-        m->position_due = false;
-        return is_streaming(m) ? send_position(m, datagram) : 0;
-    }
-    return 0;
+    m->close_due = m->position_due = false;
+    if (!(close || position) || (m->sealing != NULL && m->now->sequence > HN_LAST_SEQUENCE))
+        return 0; /* a number must not repeat under one key */
+    size_t size = close ? send_close(m, datagram) : send_position(m, datagram);
+    return m->sealing == NULL ? size : m->sealing->seal(m->keys, stream_index(m, m->now), datagram, size);
 }
 
 void hn_master_close(hn_master *m, const char *reason, int64_t now_us)

@@ -200,7 +200,7 @@ static void open_session(hn_slave *s, int64_t now_us)
     s->waits = false;
     s->heard_us = g->heard_us;
     s->position_t_us = g->clock_us;
-    hn_arrivals_init(&s->arrivals, g->first);
+    hn_arrivals_init(&s->arrivals, g->first, false);
     hn_encoder_init(&s->encoder, &g->settings);
     hn_repair_init(&s->repair, &g->settings, now_us);
 }

@@ -189,8 +189,8 @@ int main(int argc, char **argv)
             check(fabs(force_n[i]) <= HN_LARGEST_COMPONENT, "a force is not finite");
         }
     }
-    printf("%lu datagrams, forces %08lx%08lx, state of a master %lu bytes, of a slave %lu bytes\n", (unsigned long)arrived,
-           (unsigned long)(checksum >> 32), (unsigned long)(checksum & 0xffffffff), (unsigned long)sizeof master,
-           (unsigned long)sizeof slave);
+    printf("%lu datagrams, forces %08lx%08lx, state of a master %lu bytes, of a slave %lu bytes\n",
+           (unsigned long)arrived, (unsigned long)(checksum >> 32), (unsigned long)(checksum & 0xffffffff),
+           (unsigned long)sizeof master, (unsigned long)sizeof slave);
     return 0;
 }

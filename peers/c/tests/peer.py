@@ -48,7 +48,7 @@ def load(folder: Path) -> Any:
     """Return the library that was built there."""
     lib = ctypes.CDLL(str(folder / "shim.so"))
     lib.shim_bytes.restype = ctypes.c_size_t
-    for name in ("shim_decoder", "shim_decode", "shim_is_text"):
+    for name in ("hn_master_seal", "shim_decoder", "shim_decode", "shim_is_text"):
         getattr(lib, name).restype = ctypes.c_bool
     for name in ("hn_master_send", "hn_slave_receive", "hn_slave_answer", "hn_slave_close", "shim_repack"):
         getattr(lib, name).restype = ctypes.c_size_t
@@ -118,6 +118,12 @@ class Master:
         self.held_n = (0.0,) * axes
         self.position_m: tuple[float, ...] | None = None
         self._start_us: int | None = None
+
+    def seal(self, private: bytes, slave_public: bytes, psk: bytes | None) -> bool:
+        """Ask for sealed sessions only."""
+        self._keys = state(self._lib, b"keys")
+        good: bool = self._lib.hn_master_seal(self._state, self._keys, private, slave_public, psk)
+        return good
 
     def tick(self, now_us: int) -> None:
         self.position_m = tuple(self._hand(now_us - (self._start_us or now_us)))

@@ -19,9 +19,13 @@ from hapticnet.node.settings import MasterSettings, SlaveSettings
 from hapticnet.node.slave import SlaveNode
 from hapticnet.operator.base import UserOperator
 from hapticnet.perception import WeberLaw
+from hapticnet.protocol.handshake import SealedDoor
+from hapticnet.protocol.keys import NO_PSK, Roster
 from hapticnet.protocol.messages import Code
 from hapticnet.protocol.settings import SessionSettings
+from hapticnet.protocol.wire import SEALED
 from hapticnet.samples import ForceSample
+from tests.peers import ENTRY, SLAVE
 
 NETWORKS = {
     "perfect": "delay=0ms",
@@ -76,18 +80,18 @@ class Felt:
         self.forces.append((now_us, [x.hex() for x in self.master.held_n]))
 
 
-def in_python(codec, axes, rate_hz, seed, parameters):
+def in_python(codec, axes, rate_hz, seed, parameters, key=None):
     operator = UserOperator(SimpleNamespace(axes=axes, sample=hand(axes)))
     settings = MasterSettings(
-        codec=codec, parameters=parameters, law=WeberLaw(**peer.LAW), rate_hz=rate_hz, name="same"
+        codec=codec, parameters=parameters, law=WeberLaw(**peer.LAW), rate_hz=rate_hz, name="same", key=key
     )
     return MasterNode(operator, None, settings, np.random.default_rng(seed))
 
 
-def in_c(lib, codec, axes, rate_hz, seed, parameters):
+def in_c(lib, codec, axes, rate_hz, seed, parameters, key=None):
     rng = np.random.default_rng(seed)
     given = codec_parameters(make_codec(codec, WeberLaw(**peer.LAW), parameters))
-    return peer.Master(
+    master = peer.Master(
         lib,
         lambda: int(rng.integers(0, 1 << 32)),
         hand(axes),
@@ -97,6 +101,10 @@ def in_c(lib, codec, axes, rate_hz, seed, parameters):
         axes=axes,
         name="same",
     )
+    if key is not None:
+        psk = None if key.own.psk == NO_PSK else key.own.psk
+        assert master.seal(key.own.private, key.peer, psk)
+    return master
 
 
 def contents(sent):
@@ -109,11 +117,25 @@ def contents(sent):
 class Pair:
     """The same session, once with a master in Python and once with one in C."""
 
-    def __init__(self, lib, network="perfect", codec="deadband", *, axes=1, rate_hz=1000.0, slave=None, **parameters):
+    def __init__(
+        self,
+        lib,
+        network="perfect",
+        codec="deadband",
+        *,
+        axes=1,
+        rate_hz=1000.0,
+        slave=None,
+        key=None,
+        masters=(ENTRY,),
+        **parameters,
+    ):
         self.loops, self.felt = [], []
-        asked = codec, axes, rate_hz, 1, parameters
+        asked = codec, axes, rate_hz, 1, parameters, key
         for master in (in_python(*asked), in_c(lib, *asked)):
-            node = SlaveNode(lambda _: Spring(axes), SlaveSettings(**(slave or {})), np.random.default_rng(5))
+            rng = np.random.default_rng(5)
+            doors = None if key is None else {SEALED: SealedDoor(SLAVE.private, Roster(masters), rng)}
+            node = SlaveNode(lambda _: Spring(axes), SlaveSettings(**(slave or {})), rng, doors=doors)
             forward, back = Watched(NETWORKS[network], 6), Watched(NETWORKS[network], 7)
             self.felt.append(Felt(master))
             self.loops.append(Loopback(master, node, forward=forward, feedback=back, start_us=WRAP_US))

@@ -1,0 +1,247 @@
+/* The master's half of Noise_IKpsk2_25519_ChaChaPoly_BLAKE2s (revision 34), and the seal of its sessions. */
+#include <string.h>
+
+#include "crypto.h"
+#include "hapticnet_sealed.h"
+#include "messages.h"
+
+enum { NOISE1_BYTES = 2 * HN_KEY_BYTES + 2 * HN_TAG_BYTES };
+
+static void store32(uint8_t *at, uint32_t number)
+{
+    for (unsigned i = 0; i < 4; i++)
+        at[i] = (uint8_t)(number >> 8 * (3 - i));
+}
+
+/* Handshake: the state is chain, hash and cipher (section 5.2). Every key encrypts once, so each nonce is zero. */
+
+static const uint8_t ZERO_NONCE[HN_NONCE_BYTES];
+
+static bool mix_hash(hn_master_keys *k, const void *data, size_t size)
+{
+    return hn_hash(k->hash, k->hash, HN_KEY_BYTES, data, size);
+}
+
+/* Derive `count` keys, 2 or 3, from the chain and some material (section 4.3). */
+static bool derive(const hn_key chain, const void *material, size_t size, unsigned count, hn_key out[3])
+{
+    hn_key secret;
+    uint8_t data[HN_KEY_BYTES + 1] = {1};
+    bool good = hn_hmac(secret, chain, material, size) && hn_hmac(out[0], secret, data, 1);
+    for (unsigned i = 1; i < count && good; i++) {
+        memcpy(data, out[i - 1], HN_KEY_BYTES);
+        data[HN_KEY_BYTES] = (uint8_t)(i + 1);
+        good = hn_hmac(out[i], secret, data, sizeof data);
+    }
+    return good;
+}
+
+static bool mix_key(hn_master_keys *k, const hn_key material)
+{
+    hn_key out[3];
+    if (!derive(k->chain, material, HN_KEY_BYTES, 2, out))
+        return false;
+    memcpy(k->chain, out[0], HN_KEY_BYTES);
+    memcpy(k->cipher, out[1], HN_KEY_BYTES);
+    return true;
+}
+
+static bool mix_secret(hn_master_keys *k, const hn_key private_key, const hn_key public_key)
+{
+    hn_key secret;
+    return hn_shared_secret(secret, private_key, public_key) && mix_key(k, secret);
+}
+
+static bool mix_psk(hn_master_keys *k, const hn_key psk)
+{
+    hn_key out[3];
+    if (!derive(k->chain, psk, HN_KEY_BYTES, 3, out))
+        return false;
+    memcpy(k->chain, out[0], HN_KEY_BYTES);
+    memcpy(k->cipher, out[2], HN_KEY_BYTES);
+    return mix_hash(k, out[1], HN_KEY_BYTES);
+}
+
+static bool encrypt(hn_master_keys *k, uint8_t *sealed, const void *plain, size_t size)
+{
+    return hn_seal(sealed, k->cipher, ZERO_NONCE, k->hash, HN_KEY_BYTES, plain, size) &&
+           mix_hash(k, sealed, size + HN_TAG_BYTES);
+}
+
+static bool begin_handshake(hn_master_keys *k, uint32_t nonce)
+{
+    static const char name[] = "Noise_IKpsk2_25519_ChaChaPoly_BLAKE2s";
+    uint8_t prologue[19] = "hapticnet 2"; /* and the nonce, and the sequence of the HELLO, which is 0 */
+    store32(prologue + 11, nonce);
+    return hn_hash(k->chain, name, sizeof name - 1, NULL, 0) &&
+           hn_hash(k->hash, k->chain, HN_KEY_BYTES, prologue, sizeof prologue) &&
+           mix_hash(k, k->slave_public, HN_KEY_BYTES);
+}
+
+/* -> e, es, s, ss; and the code that shows that this master knows the slave's public key */
+static bool write_noise1(hn_master_keys *k, uint32_t nonce, const uint8_t *request, size_t size)
+{
+    uint8_t *at = k->noise1 + HN_KEY_BYTES, data[8 + sizeof k->noise1] = {0};
+    hn_key label;
+    k->noise1_size = NOISE1_BYTES + size;
+    if (k->noise1_size > sizeof k->noise1 || !begin_handshake(k, nonce) || !hn_public_of(k->noise1, k->ephemeral) ||
+        !mix_hash(k, k->noise1, HN_KEY_BYTES) || !mix_key(k, k->noise1) ||
+        !mix_secret(k, k->ephemeral, k->slave_public) || !encrypt(k, at, k->own_public, HN_KEY_BYTES) ||
+        !mix_key(k, k->static_shared) || !encrypt(k, at + HN_KEY_BYTES + HN_TAG_BYTES, request, size))
+        return false;
+    store32(data, nonce);
+    memcpy(data + 8, k->noise1, k->noise1_size);
+    return hn_hash(label, "hapticnet mac1", 14, k->slave_public, HN_KEY_BYTES) &&
+           hn_mac(k->mac, label, data, 8 + k->noise1_size);
+}
+
+/* <- e, ee, se, psk. It changes `k` only if all is well. */
+static bool read_noise2(hn_master_keys *k, const hn_key psk, hn_bytes noise2, uint8_t *plain, hn_transport *transport)
+{
+    hn_master_keys next = *k;
+    hn_key out[3];
+    size_t size = noise2.size - HN_KEY_BYTES;
+    if (noise2.size < HN_KEY_BYTES + HN_TAG_BYTES || !mix_hash(&next, noise2.at, HN_KEY_BYTES) ||
+        !mix_key(&next, noise2.at) || !mix_secret(&next, next.ephemeral, noise2.at) ||
+        !mix_secret(&next, next.own_private, noise2.at) || !mix_psk(&next, psk) ||
+        !hn_open(plain, next.cipher, ZERO_NONCE, next.hash, HN_KEY_BYTES, noise2.at + HN_KEY_BYTES, size) ||
+        !derive(next.chain, NULL, 0, 2, out))
+        return false;
+    memset(transport, 0, sizeof *transport);
+    memcpy(transport->send, out[0], HN_KEY_BYTES);
+    memcpy(transport->receive, out[1], HN_KEY_BYTES);
+    return true;
+}
+
+static bool is_refusal(hn_bytes packed)
+{
+    hn_reader r = hn_read_from(packed);
+    hn_get_array(&r, 1);
+    return hn_get_uint32(&r) == 0 && r.ok;
+}
+
+/* Open the answer to the last HELLO. A slave that does not know this key can refuse without the psk, but not grant. */
+static size_t read_answer(void *keys, const uint8_t *noise2, size_t size, uint8_t *plain)
+{
+    static const hn_key no_psk;
+    hn_master_keys *k = keys;
+    hn_bytes sealed = {noise2, size}, opened = {plain, size - HN_KEY_BYTES - HN_TAG_BYTES};
+    if (read_noise2(k, k->psk, sealed, plain, &k->granted))
+        return opened.size;
+    if (!k->has_psk || !read_noise2(k, no_psk, sealed, plain, &k->granted) || !is_refusal(opened))
+        return 0;
+    return opened.size;
+}
+
+static void use(void *keys, unsigned stream)
+{
+    hn_master_keys *k = keys;
+    k->transports[stream] = k->granted;
+}
+
+/* Sessions */
+
+static void nonce_of(uint8_t nonce[HN_NONCE_BYTES], uint64_t number)
+{
+    memset(nonce, 0, 4);
+    for (unsigned i = 0; i < 8; i++)
+        nonce[4 + i] = (uint8_t)(number >> 8 * i);
+}
+
+/* Give the key of the next epoch: REKEY (section 4.2). */
+static bool rekey(hn_key next, const hn_key key)
+{
+    static const hn_key zeros;
+    uint8_t nonce[HN_NONCE_BYTES], sealed[HN_KEY_BYTES + HN_TAG_BYTES];
+    nonce_of(nonce, UINT64_MAX);
+    if (!hn_seal(sealed, key, nonce, NULL, 0, zeros, sizeof zeros))
+        return false;
+    memcpy(next, sealed, HN_KEY_BYTES);
+    return true;
+}
+
+/* Seal a datagram of an open session in place: it stays the same but for version and body. */
+static size_t seal(void *keys, unsigned stream, uint8_t *data, size_t size)
+{
+    hn_transport *t = &((hn_master_keys *)keys)->transports[stream];
+    uint8_t nonce[HN_NONCE_BYTES], plain[HN_DATAGRAM_BYTES];
+    hn_frame frame;
+    if (!hn_read_frame((hn_bytes){data, size}, &frame) || frame.body.size + HN_TAG_BYTES > HN_DATAGRAM_BYTES)
+        return 0;
+    for (; t->send_epoch < frame.sequence >> HN_EPOCH_BITS; t->send_epoch++)
+        if (!rekey(t->send, t->send))
+            return 0;
+    size_t head = (size_t)(frame.body.at - data) - (frame.body.size <= UINT8_MAX ? 2 : 3);
+    size_t body = frame.body.size + HN_TAG_BYTES, start = head + (body <= UINT8_MAX ? 2 : 3);
+    if (start + body > HN_DATAGRAM_BYTES)
+        return 0;
+    memcpy(plain, frame.body.at, frame.body.size);
+    data[1] = 2;
+    data[head] = body <= UINT8_MAX ? 0xc4 : 0xc5;
+    data[start - 1] = (uint8_t)body;
+    if (body > UINT8_MAX)
+        data[start - 2] = (uint8_t)(body >> 8);
+    nonce_of(nonce, frame.sequence);
+    return hn_seal(data + start, t->send, nonce, data, head, plain, frame.body.size) ? start + body : 0;
+}
+
+/* Open the body of a datagram into `plain`; return whether it is genuine. The head of its body must be the shortest. */
+static bool open_body(void *keys, unsigned stream, const uint8_t *data, size_t size, uint32_t sequence, size_t body,
+                      uint8_t *plain)
+{
+    hn_transport *t = &((hn_master_keys *)keys)->transports[stream];
+    uint8_t nonce[HN_NONCE_BYTES];
+    uint32_t epoch = sequence >> HN_EPOCH_BITS;
+    size_t head = size - body - (body <= UINT8_MAX ? 2 : 3);
+    const uint8_t *sealed = data + size - body;
+    nonce_of(nonce, sequence);
+    if (epoch == t->receive_epoch)
+        return hn_open(plain, t->receive, nonce, data, head, sealed, body);
+    if (epoch + 1 == t->receive_epoch && t->has_behind)
+        return hn_open(plain, t->behind, nonce, data, head, sealed, body);
+    if (epoch != t->receive_epoch + 1)
+        return false;
+    t->has_ahead = t->has_ahead || rekey(t->ahead, t->receive); /* kept: each of a flood must not derive a key */
+    if (!t->has_ahead || !hn_open(plain, t->ahead, nonce, data, head, sealed, body))
+        return false;
+    memcpy(t->behind, t->receive, HN_KEY_BYTES);
+    memcpy(t->receive, t->ahead, HN_KEY_BYTES);
+    t->has_behind = true;
+    t->has_ahead = false;
+    t->receive_epoch++;
+    return true;
+}
+
+/* Begin an attempt, with a new ephemeral key. */
+static void ask(hn_master *m, const uint8_t *request, size_t size)
+{
+    hn_master_keys *k = m->keys;
+    for (unsigned i = 0; i < HN_KEY_BYTES; i += 4)
+        store32(k->ephemeral + i, m->entropy(m->context));
+    if (!write_noise1(k, m->nonce, request, size))
+        k->noise1_size = 0; /* which no slave answers */
+}
+
+static void hello_fields(void *keys, const uint8_t **noise1, size_t *size, const uint8_t **mac)
+{
+    hn_master_keys *k = keys;
+    *noise1 = k->noise1;
+    *size = k->noise1_size;
+    *mac = k->mac;
+}
+
+bool hn_master_seal(hn_master *m, hn_master_keys *keys, const hn_key own_private, const hn_key slave_public,
+                    const uint8_t *psk)
+{
+    static const hn_sealing sealing = {ask, hello_fields, read_answer, use, seal, open_body};
+    memset(keys, 0, sizeof *keys);
+    memcpy(keys->own_private, own_private, HN_KEY_BYTES);
+    memcpy(keys->slave_public, slave_public, HN_KEY_BYTES);
+    if (psk != NULL)
+        memcpy(keys->psk, psk, HN_KEY_BYTES);
+    keys->has_psk = psk != NULL;
+    m->sealing = &sealing;
+    m->keys = keys;
+    return hn_public_of(keys->own_public, own_private) &&
+           hn_shared_secret(keys->static_shared, own_private, slave_public);
+}
