@@ -4,7 +4,6 @@ Coordinates are those of positions [m]; a scene of fewer than three axes chooses
 axis points down, the second to the right and the third away, unless a shape ``view`` says otherwise.
 """
 
-import math
 import struct
 from collections.abc import Callable, Sequence
 from typing import Final, NamedTuple, TypeAlias
@@ -18,6 +17,7 @@ FARTHEST_M: Final = 1e6
 EVERY_US: Final = 33_333  # how often [µs] what moved is sent
 AGAIN_US: Final = 1_000_000  # after this time [µs] a shape is sent again, because a datagram may be lost
 AT_ONCE: Final = 22  # shapes that fit into a datagram
+_NEVER_US: Final = -1 << 62
 _NUMBERS: Final = struct.Struct(">12f")
 _SHAPE_BYTES: Final = 2 + _NUMBERS.size
 
@@ -83,9 +83,9 @@ class ShapeFeed:
 
     def __init__(self, shapes: Shapes) -> None:
         self._shapes = shapes
-        self._due_us = -math.inf
+        self._due_us = 0
         self._seen: list[tuple[Shape | None, bytes]] = []  # so that what never changes is packed once
-        self._sent: dict[int, tuple[float, bytes]] = {}  # time [µs] and content
+        self._sent: dict[int, tuple[int, bytes]] = {}  # time [µs] and content
 
     def due(self, now_us: int) -> bytes | None:
         """Return what to send now, or None; raise what the scene raises, and SampleError if its shapes are invalid."""
@@ -97,9 +97,9 @@ class ShapeFeed:
         self._seen = [
             old if old[0] is shape else (shape, pack_shape(shape)) for shape, old in zip(shapes, old_ones, strict=False)
         ]
-        waiting: list[tuple[float, int]] = []
+        waiting: list[tuple[int, int]] = []
         for place, (_, content) in enumerate(self._seen):
-            at_us, sent = self._sent.get(place, (-math.inf, b""))
+            at_us, sent = self._sent.get(place, (_NEVER_US, b""))
             if content != sent or not 0 <= now_us - at_us < AGAIN_US:
                 waiting.append((at_us, place))
         chosen = [place for _, place in sorted(waiting)[:AT_ONCE]]  # those that have waited longest
