@@ -17,7 +17,7 @@ from typing import Any, Final
 
 import numpy as np
 from flood_roles import MASTER_KEY, SLAVE_KEY
-from stacks import MESSAGE, PORT, STACKS
+from stacks import DOORS, MESSAGE, PORT, STACKS
 
 from hapticnet.node.events import NodeEvent
 from hapticnet.node.master import MasterNode
@@ -31,10 +31,11 @@ from hapticnet.runtime.timer import Ticker
 from hapticnet.runtime.udp import HostPort, open_toward
 from hapticnet.runtime.watching import Watcher
 from hapticnet.samples import PositionSample
-from hapticnet.scene.scene import Scene
-from hapticnet.scene.sources import paper_scene
+from hapticnet.scene.sources import find_source
 
-SCENE_SEED: Final = 1
+PAPER: Final = "paper:1"
+"""The scene, unless another is asked for."""
+
 PERIOD_US: Final = 1000
 PERCENTILES: Final = (50, 99)
 
@@ -43,13 +44,9 @@ def wait_for_word() -> None:
     sys.stdin.readline()
 
 
-def make_scene() -> Scene:
-    settings = paper_scene(SCENE_SEED)
-    return Scene(settings.tissues, name=settings.name)
-
-
-def make_operator(seed: int) -> ScriptedOperator:
-    return ScriptedOperator(InsertionSettings(insertions=1000), np.random.default_rng(seed))
+def make_operator(arguments: argparse.Namespace) -> ScriptedOperator:
+    motion = InsertionSettings(insertions=1000, **json.loads(arguments.motion))
+    return ScriptedOperator(motion, np.random.default_rng(arguments.seed))
 
 
 class Window:
@@ -87,23 +84,23 @@ class Window:
         }
 
 
-async def far(name: str, host: str) -> None:
+async def far(name: str, host: str, scene_name: str) -> None:
     """Host the scene until ended by a signal."""
-    scene = make_scene()
+    scene = find_source(scene_name).make()
 
     def answer(data: bytes) -> bytes:
         t_us, position_m = MESSAGE.unpack(data)
         return MESSAGE.pack(t_us, scene.step(PositionSample(t_us, (position_m,))).force_n[0])
 
-    serve, _ = STACKS[name].coroutines()
+    serve, _ = (STACKS | DOORS)[name].coroutines()
     await serve(host, answer, lambda *helpers: print("ready", *helpers, flush=True))
 
 
 async def near_stack(name: str, host: str, arguments: argparse.Namespace) -> dict[str, Any]:
     """Send positions over a stack, and hold the force that answers the newest one."""
-    operator, window, trips, held = make_operator(arguments.seed), Window(arguments), Distribution(), (-1, 0.0)
+    operator, window, trips, held = make_operator(arguments), Window(arguments), Distribution(), (-1, 0.0)
     start_us = 0
-    _, connect = STACKS[name].coroutines()
+    _, connect = (STACKS | DOORS)[name].coroutines()
 
     def deliver(data: bytes) -> None:
         nonlocal held
@@ -152,7 +149,7 @@ async def near_hapticnet(host: str, arguments: argparse.Namespace) -> dict[str, 
     """Send positions as a master of hapticnet."""
     settings = json.loads(arguments.settings)
     key = MasterKey(MASTER_KEY, SLAVE_KEY.public) if settings.pop("sealed") else None
-    node = MasterNode(make_operator(arguments.seed), None, MasterSettings(key=key, **settings), SystemEntropy())
+    node = MasterNode(make_operator(arguments), None, MasterSettings(key=key, **settings), SystemEntropy())
     window = Window(arguments)
     sock, slave = open_toward(HostPort(host, PORT))
     wait_for_word()
@@ -166,6 +163,8 @@ def main() -> None:
     parser.add_argument("stack", help="a stack by its name, or hapticnet (near only)")
     parser.add_argument("host", help="IPv4 address of the far end")
     parser.add_argument("--settings", default="{}", help="MasterSettings as JSON, and whether the session is sealed")
+    parser.add_argument("--scene", default=PAPER, help="what the far end hosts")
+    parser.add_argument("--motion", default="{}", help="InsertionSettings of the hand as JSON")
     parser.add_argument("--warm-up", type=int, default=500, help="ticks before the measurement")
     parser.add_argument("--ticks", type=int, default=4000, help="ticks that are measured")
     parser.add_argument("--seed", type=int, default=1)
@@ -175,7 +174,7 @@ def main() -> None:
     if arguments.real_time:
         prefer_realtime()
     if arguments.end == "far":
-        run(far(arguments.stack, arguments.host))
+        run(far(arguments.stack, arguments.host, arguments.scene))
         return
     work = near_hapticnet if arguments.stack == "hapticnet" else functools.partial(near_stack, arguments.stack)
     report = run(work(arguments.host, arguments))

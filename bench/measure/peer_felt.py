@@ -4,10 +4,10 @@ from collections.abc import Sequence
 from typing import Any, Final
 
 import numpy as np
-from peer_ends import make_scene
 
 from hapticnet.perception import WeberLaw
 from hapticnet.samples import PositionSample
+from hapticnet.scene.sources import find_source
 
 ROUNDING_N: Final = 1e-6
 """Largest error of a force [N] of this scene as a float32."""
@@ -16,8 +16,8 @@ OLDEST_TICKS: Final = 1000
 """How far back positions are searched for one at which the force held was right."""
 
 
-def ages(report: dict[str, Any]) -> dict[str, float | None]:
-    """Return the age of the held force, from the ticks of a near end's window.
+def ages(report: dict[str, Any], scene: str) -> dict[str, float | None]:
+    """Return the age of the held force, from the ticks of a near end's window and the scene that it touched.
 
     ``age_…``: time [ms] since the position that the newest message answered. ``felt_p99_ms``: time since the newest
     position whose true force is within a JND of the force held; 0 where the held force is right, None where it was
@@ -27,7 +27,7 @@ def ages(report: dict[str, Any]) -> dict[str, float | None]:
     ticks, start = report["ticks"], report["warm_up"]
     answered = [tick[3] for tick in ticks[start:] if tick[3] is not None]
     times_us, positions_m, held_n = (np.array([tick[column] for tick in ticks]) for column in range(3))
-    true_n = true_forces_n(positions_m)
+    true_n = true_forces_n(positions_m, scene)
     lags = felt_ticks(true_n, held_n)[start:]
     now = np.arange(start, len(ticks))
     felt_ms = np.where(lags < 0, np.inf, (times_us[now] - times_us[now - np.maximum(lags, 0)]) / 1e3)
@@ -41,9 +41,9 @@ def ages(report: dict[str, Any]) -> dict[str, float | None]:
     }
 
 
-def true_forces_n(positions_m: np.ndarray) -> np.ndarray:
+def true_forces_n(positions_m: np.ndarray, name: str) -> np.ndarray:
     """Return the scene's forces at positions that all arrive in time, rounded as in messages."""
-    scene = make_scene()
+    scene = find_source(name).make()
     narrow = positions_m.astype(np.float32).tolist()
     return np.array([scene.step(PositionSample(t, (x,))).force_n[0] for t, x in enumerate(narrow)])
 

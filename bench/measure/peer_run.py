@@ -10,7 +10,7 @@ from contextlib import ExitStack
 from pathlib import Path
 from typing import Any, Final
 
-from peer_ends import SCENE_SEED
+from peer_ends import PAPER
 from peer_link import FAR_HOST, Link, cpu_us, sent
 from stacks import PORT
 
@@ -37,10 +37,26 @@ class Runner:
         Ticks of each measurement.
     fifo
         Whether everything has a real-time priority, the threads and brokers of the stacks included.
+    scene
+        What the far end hosts, as for ``hapticnet slave --scene``.
+    motion
+        Values of `InsertionSettings` for the hand; None for its defaults.
     """
 
-    def __init__(self, folder: Path, keys: list[str], *, ticks: int, seed: int, fifo: bool) -> None:
+    def __init__(
+        self,
+        folder: Path,
+        keys: list[str],
+        *,
+        ticks: int,
+        seed: int,
+        fifo: bool,
+        scene: str = PAPER,
+        motion: dict[str, float] | None = None,
+    ) -> None:
+        self.scene = scene
         self._folder, self._keys, self._ticks, self._seed, self._fifo = folder, keys, ticks, seed, fifo
+        self._motion = json.dumps(motion or {})
         self._environment = os.environ | {"PYTHONPATH": str(REPOSITORY)}
 
     def run(self, wire: Link, name: str, settings: dict[str, Any] | None) -> dict[str, Any]:
@@ -83,8 +99,9 @@ class Runner:
 
     def _far(self, name: str, settings: dict[str, Any] | None) -> list[str]:
         if settings is None:
-            return [str(ENDS), "far", name, FAR_HOST, *(["--real-time"] if self._fifo else [])]
-        command = ["-m", "hapticnet", "slave", "--listen", f"{FAR_HOST}:{PORT}", "--scene", f"paper:{SCENE_SEED}"]
+            command = [str(ENDS), "far", name, FAR_HOST, "--scene", self.scene]
+            return command + (["--real-time"] if self._fifo else [])
+        command = ["-m", "hapticnet", "slave", "--listen", f"{FAR_HOST}:{PORT}", "--scene", self.scene]
         command += ["--real-time" if self._fifo else "--no-real-time"]
         command += self._keys if settings["sealed"] else ["--insecure"]
         return command
@@ -92,6 +109,7 @@ class Runner:
     def _near(self, name: str, settings: dict[str, Any] | None) -> list[str]:
         command = [str(ENDS), "near", name if settings is None else "hapticnet", FAR_HOST]
         command += ["--ticks", str(self._ticks), "--seed", str(self._seed), "--out", str(self._folder / "seen.json")]
+        command += ["--motion", self._motion]
         if settings is not None:
             command += ["--settings", json.dumps(settings)]
         return command + (["--real-time"] if self._fifo else [])

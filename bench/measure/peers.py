@@ -115,7 +115,7 @@ def attempt(runner: Runner, wire: Link, name: str, settings: dict[str, Any] | No
         except StackError as error:
             say(f"{name}: {error}")
         else:
-            return run | ages(run.pop("seen"))
+            return run | ages(run.pop("seen"), runner.scene)
     return None
 
 

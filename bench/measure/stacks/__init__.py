@@ -14,7 +14,7 @@ from functools import partial
 from importlib import import_module
 from importlib.util import find_spec
 from shutil import which
-from typing import Final, TypeAlias
+from typing import Any, Final, TypeAlias
 
 MESSAGE: Final = struct.Struct("<If")
 """Time stamp [µs] since the start of the near end, and position [m] or force [N]."""
@@ -37,7 +37,7 @@ class Stack:
     module: str
     package: str | None = None
     program: str | None = None
-    settings: dict[str, str] = field(default_factory=dict)
+    settings: dict[str, Any] = field(default_factory=dict)
 
     @property
     def missing(self) -> str | None:
@@ -65,3 +65,11 @@ STACKS: Final = {
     "gRPC stream": Stack("grpc_stream", "grpc"),
     "MQTT": Stack("mqtt", "paho.mqtt", "mosquitto"),
 }
+
+DOORS: Final = {
+    "LeRobot loop, 30 Hz": Stack("json_zeromq", "zmq", settings={"hz": 30.0}),
+    "LeRobot loop, 60 Hz": Stack("json_zeromq", "zmq", settings={"hz": 60.0}),
+    "ROS 2 topics": Stack("ros2_topics", "cyclonedds"),
+    "JSON WebSocket": Stack("json_websocket", "aiohttp"),
+}
+"""What communities use where hapticnet has a door, for bench/measure/doors.py."""
