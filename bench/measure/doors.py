@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Any, Final
 
 import record
+from peer_ends import PAPER
 from peer_link import link
 from peer_run import Runner
 from real_time import fifo_is_granted
@@ -59,10 +60,11 @@ LINKS: Final = {"clean": (None, 0.0), "25 ms each way, 2 % loss": (25.0, 0.02)}
 COMPARED: Final = ("p50_us", "bytes", "packets", "cpu_us")
 
 
-def scenes(folder: Path) -> dict[str, str]:
+def scenes(folder: Path, *, quick: bool) -> dict[str, str]:
     """Return each scene's name and its value for ``--scene``."""
     (folder / "tissue.toml").write_text(TISSUE)
-    return {"one tissue": str(folder / "tissue.toml"), "the paper's scene": "paper:1"}
+    paper = {"the paper's scene": PAPER}
+    return paper if quick else {"one tissue": str(folder / "tissue.toml")} | paper
 
 
 def cases(only: list[str] | None) -> dict[str, dict[str, Any] | None]:
@@ -111,7 +113,7 @@ def measure(arguments: argparse.Namespace) -> dict[str, Any]:
     found: dict[tuple[str, str], dict[str, list[dict[str, Any]]]] = {}
     with tempfile.TemporaryDirectory() as folder:
         for number in range(arguments.repetitions):
-            for scene, source in scenes(Path(folder)).items():
+            for scene, source in scenes(Path(folder), quick=arguments.quick).items():
                 seed = arguments.seed + number
                 ticks = round(1000 * arguments.seconds)
                 runner = Runner(Path(folder), [], ticks=ticks, seed=seed, fifo=fifo, scene=source, motion=MOTION)
@@ -136,7 +138,8 @@ def measure(arguments: argparse.Namespace) -> dict[str, Any]:
 def main() -> None:
     parser = record.options(__doc__)
     parser.add_argument("--seconds", type=record.within(0.1), default=2.3, help="length of each measurement")
-    parser.add_argument("--repetitions", type=record.within(1), default=3, help="turns")
+    parser.add_argument("--repetitions", type=record.within(1), default=2, help="turns")
+    parser.add_argument("--quick", action="store_true", help="only the paper's scene")
     parser.add_argument("--only", nargs="+", metavar="DOOR", help=f"only these, by name, beside {BASE}")
     parser.add_argument("--no-real-time", action="store_true", help="leave everything in SCHED_OTHER")
     record.run(parser, measure, unit="as in each name; bytes, packets and CPU time for each position of the hand")

@@ -192,6 +192,7 @@ def render(folder: Path, records: dict[str, Row], only: str | None = None) -> tu
         When a template or a target asks for a figure that the records do not have.
     """
     templates = environment(folder)
+    templates.globals["doors"] = None  # a section that is left out without its record
     context = {name: record["results"] for name, record in records.items()} | {"records": records}
     names = sorted(path.name.removesuffix(".in") for path in folder.glob("*.md.in"))
     if only is not None:

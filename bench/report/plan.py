@@ -47,4 +47,5 @@ BENCHMARKS: Final = (
         timed="compiled",
         as_root=True,
     ),
+    Benchmark("doors", "", "--quick --seconds 0.5 --repetitions 1 --no-real-time", timed="compiled", as_root=True),
 )

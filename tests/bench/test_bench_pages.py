@@ -7,7 +7,7 @@ from plan import BENCHMARKS
 
 pytestmark = pytest.mark.timeout(400)  # every benchmark is run, on a machine that may be busy
 HEADLINE = ("<!-- headline: written by make bench -->", "<!-- end of headline -->")
-NOT_SHOWN = ("hostile_slave", "peers")  # quoted in sentences of other pages
+NOT_SHOWN = ("doors", "hostile_slave", "peers")  # quoted in sentences of other pages
 REPORT = Path(__file__).parents[2] / "bench" / "report"
 SPEED = {"name": "speed", "results": {"codecs": [{"codec": "slow", "ratio": 0.25}, {"codec": "fast", "ratio": 0.75}]}}
 CLAIM = """
@@ -139,7 +139,9 @@ def records(measured, folder):
     for each in BENCHMARKS:
         if each.name not in NOT_SHOWN:
             measured(each.name)
-    return {file.stem: json.loads(file.read_text()) for file in folder.glob("*.json") if file.stem != "peers"}
+    return {
+        file.stem: json.loads(file.read_text()) for file in folder.glob("*.json") if file.stem not in ("doors", "peers")
+    }
 
 
 @pytest.fixture(scope="module")

@@ -21,7 +21,8 @@ def tools(monkeypatch):
 
 
 @pytest.fixture(scope="module")
-def results(measured, tool_is_missing):
+def linked(measured, tool_is_missing):
+    """Return how to get the results of a benchmark that makes network namespaces."""
     if shutil.which("ip") is None:
         tool_is_missing("iproute2 is not installed")
     if os.geteuid():
@@ -32,7 +33,19 @@ def results(measured, tool_is_missing):
             tool_is_missing("this machine allows no network namespaces")
     if not os.path.exists("/dev/net/tun"):
         tool_is_missing("this machine has no /dev/net/tun")
-    return measured("peers")
+    return measured
+
+
+@pytest.fixture(scope="module")
+def results(linked):
+    return linked("peers")
+
+
+@pytest.fixture(scope="module")
+def doors(linked):
+    """Return the rows of a quick run of doors, by link and name."""
+    places = linked("doors")["places"]
+    return {place["link"]: {row["stack"]: row for row in place["rows"]} for place in places}
 
 
 @pytest.mark.timeout(300)  # ten measurements, on a machine that may be busy
@@ -61,16 +74,37 @@ def test_the_lossy_link_delays_and_drops(results):
         assert rows[name]["age_p99_ms"] >= rows[name]["age_p50_ms"] > 2.0 * results["delay_ms"]
 
 
-@pytest.mark.timeout(300)
-@pytest.mark.usefixtures("results")
+@pytest.mark.timeout(500)  # ten doors, twice
+def test_each_door_is_measured_beside_what_its_community_uses(doors):
+    clean, lossy = doors["clean"], doors["25 ms each way, 2 % loss"]
+    for rows in (clean, lossy):
+        assert all(row["runs"] for row in rows.values())
+        assert rows["hapticnet, raw"]["bytes_ratio"] == 1.0
+        assert rows["ROS 2 topics"]["bytes_ratio"] > 2.0
+        assert rows["JSON WebSocket"]["bytes_ratio"] > 1.5
+        assert rows["hapticnet, motion-predictive, predicted, few positions"]["bytes_ratio"] < 0.1
+    for hz in (30, 60):
+        row = clean[f"LeRobot loop, {hz} Hz"]
+        assert 2.0 * hz < 1000.0 * row["packets"] < 5.0 * hz, "a message each way, and what acknowledges it"
+        assert row["age_p99_ms"] > 1000.0 / hz
+    for row in lossy.values():
+        assert row["p50_us"] is None or row["p50_us"] > 50_000.0
+        assert 0.0 <= row["wrong_least"] <= row["wrong"] <= row["wrong_most"] <= 1.0
+
+
+@pytest.mark.timeout(500)
+@pytest.mark.usefixtures("doors", "results")
 def test_the_page_has_every_figure(folder):
-    record = json.loads((folder / "peers.json").read_text())
+    records = {name: json.loads((folder / f"{name}.json").read_text()) for name in ("doors", "peers")}
     with pytest.MonkeyPatch.context() as patch:
         patch.syspath_prepend(BENCH / "report")
         import pages
 
-        made, _ = pages.render(BENCH / "report", {"peers": record}, "peers.md")
+        made, _ = pages.render(BENCH / "report", records, "peers.md")
+        alone, _ = pages.render(BENCH / "report", {"peers": records["peers"]}, "peers.md")
     (text,) = made.values()
+    assert "LeRobot loop" in text
+    assert "LeRobot loop" not in alone["peers.md"]
     assert not re.search(r"{{|{%|\bnan\b|None|Undefined", text)
     for name in QUICK:
         assert f"| {name} |" in text
