@@ -48,4 +48,5 @@ def new(
             show(f"wrote {path}")
     except OSError as error:
         raise FileError(f"{error.filename or root}: {error.strerror}; nothing is overwritten") from error
-    show(f"next: pip install -e {root}; pytest {root}; hapticnet master --device {name}; then read {root}/README.md")
+    steps = f"pip install pytest -e {root}; python -m pytest {root}; hapticnet master --device {name}"
+    show(f"next: {steps}; then read {root}/README.md")
