@@ -97,15 +97,11 @@ PLANAR = Arm(axes=2, max_force_n=3.0, slew_n_per_s=math.inf, rate_hz=500.0)
         ("sim", 3, "x", f"{FINGERTIP}the force along x is shown, {CLIPPED}"),
         ("sim", 1, "x", f"{FINGERTIP}above that the force is clipped"),
         ("sim", 3, "norm", f"{FINGERTIP}the size of the force is shown, {CLIPPED}"),
-        (
-            PLANAR,
-            3,
-            "x",
-            f"the device takes 2 axes and 3 N, 500 times a second: the force along x and y is shown, {CLIPPED}",
-        ),
+        (PLANAR, 3, "x", "the device takes 2 axes and 3 N, 500 times a second: the force along x and y is shown, "
+         + CLIPPED),
         (Arm(axes=2, max_force_n=math.inf, slew_n_per_s=math.inf), 2, "x", "the device takes 2 axes"),
     ],
-)
+)  # fmt: skip
 def test_how_the_force_is_adapted_is_said_in_one_line(device, axes, takes, line):
     made = SimulatedDevice(PlantSettings(), np.random.default_rng(1)) if device == "sim" else UserActuator(device)
     settings = MasterSettings(device_takes=takes)

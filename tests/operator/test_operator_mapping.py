@@ -15,8 +15,9 @@ from hapticnet.errors import SettingsError
 from hapticnet.operator.base import UserOperator
 from hapticnet.operator.mapping import FADE_US, RISE_US, Mapped, Mapping, mapped
 from hapticnet.operator.remote import RemoteOperator
+from hapticnet.parts import parse_parts
 from hapticnet.perception import WeberLaw
-from hapticnet.samples import PositionSample
+from hapticnet.samples import ForceSample, PositionSample
 from tests.conftest import linked
 from tests.ready import wait_until
 
@@ -99,16 +100,10 @@ def test_the_force_fades_while_the_clutch_is_open_and_rises_when_it_closes():
 
 def test_later_parts_go_through_and_the_first_one_is_mapped():
     hand = Hand(0.01, 0.0, 0.0, 0.5)
-    hand.parts = hn_parts("force:3", "grip:1")
+    hand.parts = parse_parts(["force:3", "grip:1"])
     tool = Mapped(hand, Mapping(scale=2.0, force_scale=0.5, frame_deg=(0.0, 0.0, 90.0)))
     assert tool.sample(0).position_m == pytest.approx((0.0, 0.02, 0.0, 0.5))
     assert tool.to_hand((0.0, 4.0, 0.0, 7.0)) == pytest.approx((2.0, 0.0, 0.0, 7.0))
-
-
-def hn_parts(*texts):
-    from hapticnet.parts import parse_parts
-
-    return parse_parts(texts)
 
 
 def test_the_jnd_is_the_hands_so_its_floor_is_divided_by_the_scale_of_forces():
@@ -125,8 +120,6 @@ class Spring:
     axes, name = 1, "spring"
 
     def step(self, sample):
-        from hapticnet.samples import ForceSample
-
         return ForceSample(sample.t_us, (200.0 * sample.position_m[0],))
 
 
@@ -174,16 +167,16 @@ def test_a_program_in_python_has_scale_and_clutch():
 
 
 @pytest.mark.parametrize(
-    ("mapping", "message"),
+    ("axes", "frame", "offset", "message"),
     [
-        ({"frame": "0,0,90", "offset": None, "axes": 2}, "frame has 3 angles and the tool 2 axes"),
-        ({"frame": "90", "offset": None, "axes": 1}, "frame has 1 angles and the tool 1 axes"),
-        ({"frame": None, "offset": "0,0", "axes": 1}, "offset has 2 coordinates; the tool has 1 axes"),
-        ({"frame": "x", "offset": None, "axes": 1}, "frame is 'x'; it must be 1 to 3 numbers of degrees"),
-        ({"frame": "0,0,nan", "offset": None, "axes": 3}, "angle of the frame is nan"),
-        ({"frame": None, "offset": "90", "axes": 1}, "offset of the tool is 90.0 m; it must be between -10 and 10"),
+        (2, "0,0,90", None, "frame has 3 angles and the tool 2 axes"),
+        (1, "90", None, "frame has 1 angles and the tool 1 axes"),
+        (1, None, "0,0", "offset has 2 coordinates; the tool has 1 axes"),
+        (1, "x", None, "frame is 'x'; it must be 1 to 3 numbers of degrees"),
+        (3, "0,0,nan", None, "angle of the frame is nan"),
+        (1, None, "90", "offset of the tool is 90.0 m; it must be between -10 and 10"),
     ],
 )
-def test_a_mapping_that_does_not_fit_is_refused(mapping, message):
+def test_a_mapping_that_does_not_fit_is_refused(axes, frame, offset, message):
     with pytest.raises(SettingsError, match=message):
-        Mapped(Hand(*[0.0] * mapping["axes"]), Mapping.parse(1.0, 1.0, mapping["frame"], mapping["offset"]))
+        Mapped(Hand(*[0.0] * axes), Mapping.parse(1.0, 1.0, frame, offset))
