@@ -14,46 +14,103 @@ from hapticnet.errors import SettingsError
 
 @dataclass(kw_only=True)
 class Joints:
-    """One to three joints, or Cartesian axes, and their units."""
+    """What a hand moves, and its units: joints or Cartesian axes, an orientation, and a gripper."""
 
     joints: str = "x"
-    """Their names, separated by ``+``."""
+    """One to three names, separated by ``+``."""
+    turns: str = ""
+    """None to three names. Three are a rotation vector in fixed axes; one or two are angles of joints."""
+    gripper: str = ""
+    """One name, or none."""
     units_per_m: float = 1.0
     """Units of the robot (degrees, per cent, metres) in one metre of the hand; negative turns the direction round."""
+    units_per_rad: float = 1.0
+    """The same in one radian, for `turns`."""
+    gripper_units_per_m: float = 1.0
+    """The same in one metre of the hand's opening, for `gripper`; positive opens."""
     zero: float = 0.0
     """Value of a joint at position 0 of the hand."""
+    gripper_zero: float = 0.0
+    """Value of the gripper when the hand is closed."""
 
     @property
     def names(self) -> tuple[str, ...]:
-        """The names; SettingsError if they are not one to three different names, or a unit is invalid."""
-        names = tuple(each.strip() for each in self.joints.split("+"))
-        if not 1 <= len(names) <= 3 or not all(names) or len(set(names)) != len(names):
+        """All names, in the order of hapticnet's axes; SettingsError if they are unusable, or a unit is invalid."""
+        joints, turns = _split(self.joints), _split(self.turns)
+        names = *joints, *turns, *_split(self.gripper)
+        if not 1 <= len(joints) <= 3 or not all(joints):
             raise SettingsError(f"joints is {self.joints!r}; it must be one to three names, as in x+y+z")
-        if not math.isfinite(self.units_per_m) or not self.units_per_m:
-            raise SettingsError(f"units_per_m is {self.units_per_m!r}; it must be a number other than 0")
+        if len(turns) > 3 or not all(turns):
+            raise SettingsError(f"turns is {self.turns!r}; it must be up to three names, as in wx+wy+wz")
+        if len(names) > len(joints) + len(turns) + 1 or len(set(names)) != len(names):
+            raise SettingsError(f"the names {', '.join(names)} must be different ones, with one gripper at most")
+        for name in ("units_per_m", "units_per_rad", "gripper_units_per_m"):
+            unit = getattr(self, name)
+            if not math.isfinite(unit) or not unit:
+                raise SettingsError(f"{name} is {unit!r}; it must be a number other than 0")
         check_parameter("zero", self.zero, -1e6, 1e6)
+        check_parameter("gripper_zero", self.gripper_zero, -1e6, 1e6)
         return names
 
-    def position_m(self, action: dict[str, Any]) -> tuple[float, ...]:
-        """Return the position [m] that an action asks for; ValueError if one is missing or not finite."""
+    @property
+    def parts(self) -> tuple[str, ...]:
+        """The parts of hapticnet, such as ``("force:3", "torque:3", "grip:1")``."""
+        found = {"force": len(_split(self.joints)), "torque": len(_split(self.turns)), "grip": int(bool(self.gripper))}
+        return tuple(f"{kind}:{axes}" for kind, axes in found.items() if axes)
+
+    @property
+    def turn_at(self) -> slice:
+        """Where the turns stand among the names."""
+        first = len(_split(self.joints))
+        return slice(first, first + len(_split(self.turns)))
+
+    @property
+    def has_vector(self) -> bool:
+        """Whether the turns are a rotation vector."""
+        return len(_split(self.turns)) == 3
+
+    @property
+    def felt_keys(self) -> tuple[str, ...]:
+        """Keys of what is felt: ``JOINT.force`` [N], ``TURN.torque`` [N·m], ``GRIPPER.force`` [N]."""
+        turns = _split(self.turns)
+        return tuple(f"{name}.{'torque' if name in turns else 'force'}" for name in self.names)
+
+    def by_kind(self, joint: float, turn: float, gripper: float) -> tuple[float, ...]:
+        """Return one number for each name: that of a joint, a turn or the gripper."""
+        made = *[joint] * len(_split(self.joints)), *[turn] * len(_split(self.turns))
+        return (*made, gripper) if self.gripper else made
+
+    @property
+    def units(self) -> tuple[float, ...]:
+        """Units of the robot in one unit of the hand, for each name."""
+        return self.by_kind(self.units_per_m, self.units_per_rad, self.gripper_units_per_m)
+
+    def position(self, action: dict[str, Any]) -> tuple[float, ...]:
+        """Return the position [m, rad, m] that an action asks for; ValueError if one is missing or not finite."""
         try:
             values = [float(action[f"{name}.pos"]) for name in self.names]
         except (KeyError, TypeError, ValueError) as error:
-            raise ValueError(f"the action {action!r} must have a number as {self.keys('pos')}") from error
+            wanted = ", ".join(self.position_keys)
+            raise ValueError(f"the action {action!r} must have a number as {wanted}") from error
         if not all(math.isfinite(each) for each in values):
             raise ValueError(f"the action {action!r} is not finite; the robot stays where it is")
-        return tuple((each - self.zero) / self.units_per_m for each in values)
+        zeros = self.by_kind(self.zero, 0.0, self.gripper_zero)
+        return tuple((each - zero) / unit for each, zero, unit in zip(values, zeros, self.units, strict=True))
 
-    def action(self, position_m: Sequence[float]) -> dict[str, float]:
-        """Return a position [m] as an action."""
-        return {
-            f"{name}.pos": self.zero + self.units_per_m * each
-            for name, each in zip(self.names, position_m, strict=True)
-        }
+    def action(self, position: Sequence[float]) -> dict[str, float]:
+        """Return a position [m, rad, m] as an action."""
+        zeros = self.by_kind(self.zero, 0.0, self.gripper_zero)
+        values = [zero + unit * each for each, zero, unit in zip(position, zeros, self.units, strict=True)]
+        return dict(zip(self.position_keys, values, strict=True))
 
-    def keys(self, kind: str) -> str:
-        """Return the keys of the joints as text for a message."""
-        return ", ".join(f"{name}.{kind}" for name in self.names)
+    @property
+    def position_keys(self) -> tuple[str, ...]:
+        """Keys of an action: ``NAME.pos``."""
+        return tuple(f"{name}.pos" for name in self.names)
+
+
+def _split(names: str) -> tuple[str, ...]:
+    return tuple(each.strip() for each in names.split("+")) if names else ()
 
 
 @dataclass(kw_only=True)
@@ -79,6 +136,10 @@ class HapticnetRobotConfig(RobotConfig, Session):
     address: str = "127.0.0.1:47800"
     stiffness_n_per_m: float = 0.0
     """The follower's option ``stiffness``, with which the robot's position is computed from the force; 0: not given."""
+    turn_stiffness_nm_per_rad: float = 0.0
+    """The same for ``turn_stiffness``."""
+    grip_stiffness_n_per_m: float = 0.0
+    """The same for ``grip_stiffness``."""
 
 
 @TeleoperatorConfig.register_subclass("hapticnet")

@@ -17,6 +17,7 @@ from hapticnet.checks import check_parameter
 from hapticnet.errors import HapticnetError, SettingsError, UnavailableError
 from hapticnet.samples import PositionSample
 from lerobot_robot_hapticnet.config import Joints
+from lerobot_robot_hapticnet.turns import composed, difference
 
 LOG: Final = logging.getLogger("hapticnet")
 FRESH_S: Final = 0.1  # age of the robot's last observation from which the force decays; it is zero at twice this age
@@ -25,12 +26,15 @@ SILENT_S: Final = 0.5  # time without positions after which the robot's goal is 
 
 
 class Follower:
-    """A LeRobot robot that follows one to three axes of a hand, by differences from where it is when a session begins.
+    """A LeRobot robot that follows a hand, by differences from where it is when a session begins.
 
-    `type` is a robot, or the name of a robot's type whose configuration has the keys ``config``. The force of a joint
-    is the observation ``JOINT.force`` (`force` gives another ending) times `newtons_per_unit`; it is positive if it
-    pushes towards smaller values. With ``force=""``, or if the robot reports no force, it is the tracking error (goal
-    minus position) times `stiffness` [N/m of the hand]. The goal moves at most at `speed` [m/s of the hand].
+    `type` is a robot, or the name of a robot's type whose configuration has the keys ``config``. `joints`, `turns` and
+    `gripper` are those of `Joints`, with their units. The force of a joint or gripper is the observation
+    ``NAME.force`` (`force` gives another ending) times `newtons_per_unit`, and the torque of a turn ``NAME.torque``
+    (`torque`) times `newton_metres_per_unit`; they are positive if they push towards smaller values. With an empty
+    ending, or if the robot reports none, it is the tracking error (goal minus position) times `stiffness` [N/m of the
+    hand], `turn_stiffness` [N·m/rad] or `grip_stiffness` [N/m]. The goal moves at most at `speed` [m/s of the hand] and
+    turns at most at `turn_speed` [rad/s].
 
     If a `clock` [s] is given, no thread is started, and the caller must call `cycle`. Raises SettingsError if an option
     is invalid or the robot cannot be connected.
@@ -48,34 +52,59 @@ class Follower:
         newtons_per_unit: float = 1.0,
         rate_hz: float = 60.0,
         speed: float = 0.25,
+        turns: str = "",
+        gripper: str = "",
+        units_per_rad: float = 1.0,
+        gripper_units_per_m: float = 1.0,
+        turn_stiffness: float = 1.0,
+        grip_stiffness: float = 200.0,
+        torque: str = "torque",
+        newton_metres_per_unit: float = 1.0,
+        turn_speed: float = 1.0,
         clock: Callable[[], float] | None = None,
         **config: Any,
     ) -> None:
-        self._joints = Joints(joints=joints, units_per_m=units_per_m)
-        self._names = self._joints.names
-        self.axes = len(self._names)
+        self._joints = described = Joints(
+            joints=joints, turns=turns, gripper=gripper, units_per_m=units_per_m, units_per_rad=units_per_rad,
+            gripper_units_per_m=gripper_units_per_m,
+        )  # fmt: skip
+        names, keys = described.names, described.position_keys
+        self._units, self._keys, self.parts = described.units, keys, described.parts
+        self._turn_at = described.turn_at if described.has_vector else slice(0)
         check_parameter("stiffness", stiffness, 0.0, 1e5, "N/m")
+        check_parameter("turn_stiffness", turn_stiffness, 0.0, 1e3, "N·m/rad")
+        check_parameter("grip_stiffness", grip_stiffness, 0.0, 1e5, "N/m")
         check_parameter("newtons_per_unit", newtons_per_unit, -1e6, 1e6)
+        check_parameter("newton_metres_per_unit", newton_metres_per_unit, -1e6, 1e6)
         check_parameter("rate_hz", rate_hz, 1.0, 1000.0, "Hz")
         check_parameter("speed", speed, 1e-3, 10.0, "m/s")
-        self._stiffness, self._scale, self._speed = stiffness, newtons_per_unit, speed
+        check_parameter("turn_speed", turn_speed, 1e-2, 100.0, "rad/s")
+        self._stiffness = described.by_kind(stiffness, turn_stiffness, grip_stiffness)
+        self._scale = described.by_kind(newtons_per_unit, newton_metres_per_unit, newtons_per_unit)
+        self._speed = described.by_kind(speed, turn_speed, speed)
         self._robot = made(type, config) if isinstance(type, str) else type
         self.name = f"LeRobot {self._robot.name}"[:60]
-        keys = [f"{name}.pos" for name in self._names]
         missing = [key for key in keys if key not in self._robot.action_features]
         if missing:
             raise SettingsError(
                 f"{self.name} has no {', '.join(missing)}; it has: {', '.join(self._robot.action_features)}"
             )
-        forces = [f"{name}.{force}" for name in self._names]
-        self._forces = forces if force and all(each in self._robot.observation_features for each in forces) else None
+        # What the robot reports, by part; None where the tracking error counts
+        endings = described.by_kind(0.0, 1.0, 0.0)
+        reported = [
+            f"{name}.{ending}" if ending and f"{name}.{ending}" in self._robot.observation_features else None
+            for name, ending in zip(names, [torque if each else force for each in endings], strict=True)
+        ]
+        kinds = described.by_kind(0.0, 1.0, 2.0)
+        lacking = {kind for kind, key in zip(kinds, reported, strict=True) if key is None}
+        self._felt_keys = [None if kind in lacking else key for kind, key in zip(kinds, reported, strict=True)]
         self._lock = threading.Lock()
         self._clock = clock or time.monotonic
-        self._origin: tuple[Sequence[float], Sequence[float]] | None = None  # [m] of the hand, and of the robot
+        self._origin: tuple[Sequence[float], Sequence[float]] | None = None  # of the hand, and of the robot
         self._moves = False  # whether positions come
-        self._goal_m: list[float] | None = None
+        self._goal: list[float] | None = None  # [m, rad, m] of the hand
         self._stepped_s, self._master = -math.inf, ""
-        self._force_n = [0.0] * self.axes
+        self._felt = [0.0] * len(names)
         self._fault: str | None = None
         self._ended = threading.Event()
         try:
@@ -86,7 +115,7 @@ class Follower:
             raise SettingsError(f"{self.name}: {one_line(error)}") from error
         # Joints that the hand does not move keep their first position as goal; some robots want all in each action.
         self._others = {key: first[key] for key in self._robot.action_features if key not in keys and key in first}
-        self._at_m = self._read(first)
+        self._at = self._read(first)
         self._seen_s = self._clock()
         if clock is None:
             self._thread = threading.Thread(target=self._run, args=(1.0 / rate_hz,), name=self.name, daemon=True)
@@ -100,7 +129,10 @@ class Follower:
             self._origin, self._master = None, master
 
     def step(self, sample: PositionSample) -> list[float]:
-        """Set the robot's goal, and return the newest force [N]; UnavailableError if the robot has stopped."""
+        """Set the robot's goal, and return the newest force [N], torque [N·m] and grip [N].
+
+        UnavailableError if the robot has stopped.
+        """
         with self._lock:
             now_s = self._clock()
             age_s = now_s - self._seen_s
@@ -108,39 +140,61 @@ class Follower:
                 raise UnavailableError(self._fault)
             if age_s > LOST_S:
                 raise UnavailableError(f"{self.name} has not answered for {LOST_S:g} s")
-            if self._origin is None or self._goal_m is None:
-                self._origin, self._goal_m = (sample.position_m, tuple(self._at_m)), list(self._at_m)
+            if self._origin is None or self._goal is None:
+                self._origin, self._goal = (sample.position_m, tuple(self._at)), list(self._at)
                 self._moves = False
-            most_m = self._speed * (now_s - self._stepped_s) if self._moves else 0.0
-            self._moves = True
-            for axis, (hand, began, robot) in enumerate(zip(sample.position_m, *self._origin, strict=True)):
-                lacks = robot + hand - began - self._goal_m[axis]
-                self._goal_m[axis] += min(max(lacks, -most_m), most_m)
-            self._stepped_s = now_s
+            self._move(sample.position_m, *self._origin, self._goal, now_s - self._stepped_s if self._moves else 0.0)
+            self._moves, self._stepped_s = True, now_s
             share = min(max(2.0 - age_s / FRESH_S, 0.0), 1.0)
-            return [share * each for each in self._force_n]
+            return [share * each for each in self._felt]
+
+    def _move(
+        self, hand: Sequence[float], began: Sequence[float], robot: Sequence[float], goal: list[float], passed_s: float
+    ) -> None:
+        """Move the goal as the hand has moved since it `began` with the robot at `robot`, at most at the speeds."""
+        turned = self._turn_at
+        for axis, speed in enumerate(self._speed):
+            if not turned.start or not turned.start <= axis < turned.stop:
+                lacks = robot[axis] + hand[axis] - began[axis] - goal[axis]
+                goal[axis] += min(max(lacks, -speed * passed_s), speed * passed_s)
+        if turned.start:
+            wanted = composed(difference(hand[turned], began[turned]), robot[turned])
+            lacking = difference(wanted, goal[turned])
+            share = min(self._speed[turned.start] * passed_s / (math.hypot(*lacking) or math.inf), 1.0)
+            goal[turned] = composed([share * each for each in lacking], goal[turned], goal[turned])
 
     def cycle(self) -> None:
         """Send the goal to the robot and read its force. If positions stopped coming, its goal is where it is."""
         with self._lock:
             if self._moves and self._clock() - self._stepped_s > SILENT_S:
-                self._moves, self._goal_m, self._force_n = False, list(self._at_m), [0.0] * self.axes
+                self._moves, self._goal, self._felt = False, list(self._at), [0.0] * len(self._keys)
                 LOG.warning("%s: no positions for %g s; it stays where it is", self.name, SILENT_S)
-            goal_m = None if self._goal_m is None else tuple(self._goal_m)
-        if goal_m is not None:
-            self._robot.send_action({**self._others, **self._joints.action(goal_m)})
+            goal = None if self._goal is None else tuple(self._goal)
+        if goal is not None:
+            self._robot.send_action({**self._others, **self._joints.action(goal)})
         observed = self._robot.get_observation()
-        at_m = self._read(observed)
-        if self._forces is not None:
-            force_n = [self._scale * float(observed[key]) for key in self._forces]
-        else:
-            force_n = [self._stiffness * (to - at) for to, at in zip(goal_m or at_m, at_m, strict=True)]
-        if not all(map(math.isfinite, (*at_m, *force_n))):
-            raise ValueError(f"it reports {'a force' if self._forces else 'a position'} that is not finite: {observed}")
+        at = self._read(observed)
+        errors = [
+            stiffness * each for stiffness, each in zip(self._stiffness, self._errors(goal or at, at), strict=True)
+        ]
+        felt = [
+            error if key is None else scale * float(observed[key])
+            for key, scale, error in zip(self._felt_keys, self._scale, errors, strict=True)
+        ]
+        if not all(map(math.isfinite, (*at, *felt))):
+            what = "a position" if not all(map(math.isfinite, at)) else "a force"
+            raise ValueError(f"it reports {what} that is not finite: {observed}")
         with self._lock:
-            self._at_m, self._seen_s = at_m, self._clock()
+            self._at, self._seen_s = at, self._clock()
             if self._moves:
-                self._force_n = force_n
+                self._felt = felt
+
+    def _errors(self, goal: Sequence[float], at: Sequence[float]) -> list[float]:
+        """Return how far the robot is from its goal."""
+        errors = [to - each for to, each in zip(goal, at, strict=True)]
+        if self._turn_at.start:
+            errors[self._turn_at] = difference(goal[self._turn_at], at[self._turn_at])
+        return errors
 
     def close(self) -> None:
         """Leave the robot where it is."""
@@ -151,7 +205,7 @@ class Follower:
             self._robot.disconnect()
 
     def _read(self, observed: dict[str, Any]) -> list[float]:
-        return [float(observed[f"{name}.pos"]) / self._joints.units_per_m for name in self._names]
+        return [float(observed[key]) / unit for key, unit in zip(self._keys, self._units, strict=True)]
 
     def _run(self, period_s: float) -> None:
         due_s = self._clock()

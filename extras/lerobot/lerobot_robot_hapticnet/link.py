@@ -11,7 +11,7 @@ import time
 from collections import deque
 from collections.abc import AsyncIterator, Sequence
 from contextlib import AsyncExitStack, asynccontextmanager
-from dataclasses import asdict
+from dataclasses import asdict, fields
 from socket import gethostname
 from typing import TYPE_CHECKING, Any, Final
 from weakref import WeakValueDictionary
@@ -21,9 +21,12 @@ from lerobot.utils.errors import DeviceNotConnectedError
 import hapticnet as hn
 from hapticnet.capabilities import Capabilities
 from hapticnet.errors import HapticnetError, SettingsError
+from hapticnet.operator.base import operator_parts
+from hapticnet.parts import LEVER_M, written
 from hapticnet.protocol.states import LinkRecovered, LinkStale, SessionLost
 from hapticnet.runtime.system import now_us
-from lerobot_robot_hapticnet.config import Session
+from lerobot_robot_hapticnet.config import Joints, Session
+from lerobot_robot_hapticnet.turns import NO_TURN, composed
 
 if TYPE_CHECKING:
     from hapticnet.cli.operators import Hand
@@ -34,10 +37,10 @@ LONGEST_RAMP_S: Final = 0.1  # longest time in which the tool moves to an action
 IDLE_S: Final = 0.05  # time without a tick after which the force is zero
 FASTEST_M_PER_S: Final = 0.5
 GIVES_M_PER_N_S: Final = 0.005  # speed per newton at which a tool that lets go yields; stable to 1 kN/m at 300 ms
-LEAST_N: Final = 0.05
+LEAST_N: Final = 0.05  # a torque counts as its force at `LEVER_M` in these three
 FIRST_S: Final = 2.0  # longest wait for the first answer of the slave
 FRESH_S: Final = 0.1  # age of a feedback from which its force decays, to zero at twice this age
-MOTION: Final = "joints", "units_per_m", "zero"
+MOTION: Final = tuple(each.name for each in fields(Joints))
 SHARED: Final = *MOTION, "codec", "coupling", "predicted", "rate_hz", "key", "peer_key", "insecure"
 """Settings that must be the same for robot and teleoperator."""
 
@@ -49,15 +52,17 @@ class Tool:
 
     duration_us = None
 
-    def __init__(self, axes: int, hand: "Hand | None") -> None:
-        self.axes = axes
+    def __init__(self, joints: Joints, hand: "Hand | None") -> None:
+        self.parts = joints.parts
         self._hand = hand
         if hand is not None:
-            self.capabilities = getattr(hand.operator, "capabilities", Capabilities(axes=axes))
-        self.force_n: tuple[float, ...] = (0.0,) * axes
-        self.at_m: tuple[float, ...] = (0.0,) * axes
+            self.capabilities = getattr(hand.operator, "capabilities", Capabilities(axes=joints.turn_at.start))
+        self._turn_at = joints.turn_at if joints.has_vector else slice(0)
+        self._levers_m = joints.by_kind(1.0, LEVER_M, 1.0)
+        self.force_n: tuple[float, ...] = (0.0,) * len(joints.names)
+        self.at: tuple[float, ...] = self.force_n  # [m, rad, m]
         self.past: deque[tuple[int, tuple[float, ...]]] = deque(maxlen=HISTORY)
-        self._from_m = self._to_m = self.at_m
+        self._from = self._to = self.at
         self._begun_s = self._told_s = time.monotonic()
         self._span_s = 1e-3
         self._then_s = self._begun_s
@@ -65,12 +70,16 @@ class Tool:
         self._felt_us = 0
         self._feel: Any = None if hand is None else getattr(hand.operator, "feel", None)
 
-    def move(self, position_m: tuple[float, ...]) -> None:
-        """Go to a position."""
+    def move(self, position: tuple[float, ...]) -> None:
+        """Go to a position [m, rad, m]."""
         now_s = time.monotonic()
-        far_m = max(abs(to - at) for to, at in zip(position_m, self.at_m, strict=True))
+        turned = self._turn_at
+        if position[turned]:  # the nearest of the equal rotation vectors
+            near = composed(position[turned], NO_TURN, self.at[turned])
+            position = *position[: turned.start], *near, *position[turned.stop :]
+        far_m = max(lever * abs(to - at) for lever, to, at in zip(self._levers_m, position, self.at, strict=True))
         self._span_s = max(min(now_s - self._told_s, LONGEST_RAMP_S), 1e-3, far_m / FASTEST_M_PER_S)
-        self._from_m, self._to_m = self.at_m, position_m
+        self._from, self._to = self.at, position
         self._begun_s = self._told_s = now_s
         self._told, self._let_go = True, False
 
@@ -86,28 +95,28 @@ class Tool:
     def rest(self) -> None:
         """Set the force to zero if no tick came for a while: the ticks of a lost session do not reach its operator."""
         if time.monotonic() - self._then_s > IDLE_S:
-            self.feel(self._felt_us, (0.0,) * self.axes)
+            self.feel(self._felt_us, (0.0,) * len(self.at))
 
     def sample(self, t_us: int) -> tuple[float, ...]:
         """Return where the tool is."""
         now_s = time.monotonic()
         if self._hand is not None:
-            self.at_m = self._hand.operator.sample(t_us).position_m
+            self.at = self._hand.operator.sample(t_us).position_m
         elif self._told and now_s - self._told_s > SILENT_S:
             if not self._let_go:
                 self._let_go = True
                 LOG.warning("no action for %g s: the tool lets go until there is one", SILENT_S)
             elapsed_s = min(now_s - self._then_s, 0.02)
-            self.at_m = tuple(
-                at - GIVES_M_PER_N_S * elapsed_s * force if abs(force) > LEAST_N else at
-                for at, force in zip(self.at_m, self.force_n, strict=True)
+            self.at = tuple(
+                at - GIVES_M_PER_N_S * elapsed_s * force / lever**2 if abs(force) > LEAST_N * lever else at
+                for at, force, lever in zip(self.at, self.force_n, self._levers_m, strict=True)
             )
         else:
             share = min((now_s - self._begun_s) / self._span_s, 1.0)
-            self.at_m = tuple(at + share * (to - at) for at, to in zip(self._from_m, self._to_m, strict=True))
+            self.at = tuple(at + share * (to - at) for at, to in zip(self._from, self._to, strict=True))
         self._then_s = now_s
-        self.past.append((round(1e6 * now_s), self.at_m))
-        return self.at_m
+        self.past.append((round(1e6 * now_s), self.at))
+        return self.at
 
 
 class Feedback:
@@ -115,20 +124,21 @@ class Feedback:
 
     name = "feedback of LeRobot"
 
-    def __init__(self, axes: int) -> None:
-        self.axes = axes
-        self._force_n = (0.0,) * axes
+    def __init__(self, joints: Joints) -> None:
+        self.parts = joints.parts
+        self._nothing = (0.0,) * len(joints.names)
+        self._force_n = self._nothing
         self._told_s: float | None = None
 
     def tell(self, force_n: tuple[float, ...]) -> None:
-        """Render this force [N] from now on."""
+        """Render these forces [N] and torques [N·m] from now on."""
         self._force_n, self._told_s = force_n, time.monotonic()
 
     def step(self, sample: hn.PositionSample) -> Sequence[float]:  # noqa: ARG002 - the force does not depend on it
         """Return the force."""
         told_s = self._told_s
         if told_s is None:
-            return (0.0,) * self.axes
+            return self._nothing
         share = min(max(2.0 - (time.monotonic() - told_s) / FRESH_S, 0.0), 1.0)
         if not share:
             self._told_s = None
@@ -165,7 +175,7 @@ class Link:
 
     def __init__(self, config: Session) -> None:
         self._config = config
-        self.axes = len(config.names)
+        self._nothing = (0.0,) * len(config.names)
         self.hand = ""  # text of the hand; empty: the program moves the tool
         self.tool: Tool | None = None
         self.feedback: Feedback | None = None
@@ -230,17 +240,17 @@ class Link:
 
     @property
     def force_n(self) -> tuple[float, ...]:
-        """Force [N] that the hand feels; it decays to zero when nothing arrives."""
-        return (0.0,) * self.axes if self._master is None or self._lost is not None else self._master.force_n
+        """Force [N], torque [N·m] and grip [N] that the hand feels; they decay to zero when nothing arrives."""
+        return self._nothing if self._master is None or self._lost is not None else self._master.force_n
 
-    def answered_m(self) -> tuple[float, ...]:
-        """Return the position [m] that was sent one median round trip ago, to which the present force belongs."""
+    def answered(self) -> tuple[float, ...]:
+        """Return the position that was sent one median round trip ago, to which the present force belongs."""
         assert self.tool is not None and self._master is not None  # noqa: S101, PT018 - for the type checker
         wanted_us = round(1e6 * time.monotonic()) - self._round_trip_us()
-        for t_us, position_m in reversed(tuple(self.tool.past)):
+        for t_us, position in reversed(tuple(self.tool.past)):
             if t_us <= wanted_us:
-                return position_m
-        return self.tool.at_m
+                return position
+        return self.tool.at
 
     def report(self) -> dict[str, Any]:
         """Return the account of the session, as ``hapticnet master --json`` prints it."""
@@ -260,14 +270,13 @@ class Link:
     def _begin(self) -> None:
         config = self._config
         hand = operator_of(self.hand) if self.hand else None
-        if hand is not None and hand.operator.axes != self.axes:
-            raise SettingsError(
-                f"the hand {self.hand!r} has {hand.operator.axes} axes, but there are {self.axes} joints:"
-                f" {config.joints}"
-            )
-        tool, address = Tool(self.axes, hand), config.address
+        if hand is not None:
+            has, needs = written(operator_parts(hand.operator), hand.operator.axes), " ".join(config.parts)
+            if has != needs:
+                raise SettingsError(f"the hand {self.hand!r} has {has}, but {', '.join(config.names)} need {needs}")
+        tool, address = Tool(config, hand), config.address
         if not address:
-            self.feedback = Feedback(self.axes)
+            self.feedback = Feedback(config)
             self._slave = hn.ThreadedSlave(self.feedback, listen="127.0.0.1:0").__enter__()
             address = self._slave.address
         # Without a hand the force moves nothing, so nothing can oscillate and no coupling is needed.

@@ -12,7 +12,8 @@ from lerobot_robot_hapticnet.session_end import SessionEnd
 class HapticnetRobot(SessionEnd, Robot):
     """A LeRobot robot at another place, which a `Follower` there moves.
 
-    Observations are ``JOINT.pos`` and ``JOINT.force`` [N]. A session carries forces, not positions. So ``JOINT.pos`` is
+    Observations are ``JOINT.pos`` and ``JOINT.force`` [N], ``TURN.pos`` and ``TURN.torque`` [N·m], ``GRIPPER.pos`` and
+    ``GRIPPER.force`` [N]. A session carries forces, not positions. So ``NAME.pos`` is
     the position that was sent one round trip ago, to which the present force belongs. If the follower's stiffness is
     configured, force over stiffness is subtracted from it.
 
@@ -31,25 +32,27 @@ class HapticnetRobot(SessionEnd, Robot):
 
     @property
     def observation_features(self) -> dict[str, Any]:
-        """Position and force of each joint."""
-        return {**self.action_features, **{f"{name}.force": float for name in self.config.names}}
+        """Positions, forces and torques."""
+        return {**self.action_features, **self.felt_features}
 
     def get_observation(self) -> dict[str, Any]:
-        """Return position and force; DeviceNotConnectedError if the other end has ended the session."""
+        """Return positions and forces; DeviceNotConnectedError if the other end has ended the session."""
         self._link.check(self)
-        force_n, position_m = self._link.force_n, self._link.answered_m()
-        if self.config.stiffness_n_per_m:
-            position_m = tuple(
-                at - force / self.config.stiffness_n_per_m for at, force in zip(position_m, force_n, strict=True)
-            )
-        forces = {f"{name}.force": force for name, force in zip(self.config.names, force_n, strict=True)}
-        return {**self.config.action(position_m), **forces}
+        config, felt = self.config, self._link.force_n
+        stiffness = config.by_kind(
+            config.stiffness_n_per_m, config.turn_stiffness_nm_per_rad, config.grip_stiffness_n_per_m
+        )
+        position = [
+            at - force / each if each else at
+            for at, force, each in zip(self._link.answered(), felt, stiffness, strict=True)
+        ]
+        return {**config.action(position), **dict(zip(config.felt_keys, felt, strict=True))}
 
     def send_action(self, action: dict[str, Any]) -> dict[str, Any]:
         """Move the robot, unless a hand moves it; return the action that moves it. ValueError if it is not finite."""
         tool = self._link.check(self)
-        position_m = self.config.position_m(action)
+        position = self.config.position(action)
         if self._link.hand:
-            return self.config.action(tool.at_m)
-        tool.move(position_m)
-        return self.config.action(position_m)
+            return self.config.action(tool.at)
+        tool.move(position)
+        return self.config.action(position)

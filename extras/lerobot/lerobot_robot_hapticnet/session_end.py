@@ -14,8 +14,13 @@ class SessionEnd:
 
     @property
     def action_features(self) -> dict[str, Any]:
-        """Position of each joint."""
-        return {f"{name}.pos": float for name in self.config.names}
+        """Position of each joint, turn and gripper."""
+        return dict.fromkeys(self.config.position_keys, float)
+
+    @property
+    def felt_features(self) -> dict[str, Any]:
+        """Force [N] of each joint and of the gripper, and torque [N·m] of each turn."""
+        return dict.fromkeys(self.config.felt_keys, float)
 
     @property
     def is_connected(self) -> bool:

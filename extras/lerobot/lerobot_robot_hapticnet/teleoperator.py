@@ -35,22 +35,26 @@ class HapticnetTeleoperator(SessionEnd, Teleoperator):
 
     @property
     def feedback_features(self) -> dict[str, Any]:
-        """Force [N] of each joint, positive if it pushes towards smaller positions of the hand; {} with an address."""
-        return {} if self.config.address else {f"{name}.force": float for name in self.config.names}
+        """Forces [N] and torques [N·m], positive if they push towards smaller positions; {} with an address."""
+        return {} if self.config.address else self.felt_features
 
     def get_action(self) -> dict[str, Any]:
         """Return where the hand is; DeviceNotConnectedError if the other end has ended the session."""
-        return self.config.action(self._link.check(self).at_m)
+        return self.config.action(self._link.check(self).at)
 
     def send_feedback(self, feedback: dict[str, Any]) -> None:
-        """Render the forces ``JOINT.force`` [N] of a dictionary; ignore the rest. A force that is not finite is 0."""
+        """Render the forces and torques of a dictionary, with the keys of `feedback_features`; ignore the rest.
+
+        All are 0 if one is not finite. Raises ValueError if one is missing.
+        """
         self._link.check(self)
         if self._link.feedback is None:
             return
         try:
-            force_n = tuple(float(feedback[f"{name}.force"]) for name in self.config.names)
+            force_n = tuple(float(feedback[key]) for key in self.config.felt_keys)
         except (KeyError, TypeError, ValueError) as error:
-            raise ValueError(f"the feedback {feedback!r} must have a number as {self.config.keys('force')}") from error
+            wanted = ", ".join(self.config.felt_keys)
+            raise ValueError(f"the feedback {feedback!r} must have a number as {wanted}") from error
         if not all(map(math.isfinite, force_n)):
             LOG.warning("the feedback %r is not finite: the force is zero", feedback)
             force_n = (0.0,) * len(force_n)

@@ -54,9 +54,8 @@ def simulated(tmp_path, clock=None, **config):
 
 
 def follower(tmp_path, clock, **options):
-    own = {key: options.pop(key) for key in ("reports_force", "lag_s", "joints") if key in options}
-    given = {"joints": own["joints"]} if "joints" in own else {}
-    return Follower(simulated(tmp_path, clock, **own), units_per_m=1000.0, clock=clock, **given, **options)
+    own = {key: options.pop(key) for key in ("reports_force", "lag_s") if key in options}
+    return Follower(simulated(tmp_path, clock, **own), units_per_m=1000.0, clock=clock, **options)
 
 
 def play(scene, clock, position_m, seconds, hz=1000):

@@ -20,7 +20,7 @@ def test_the_robot_follows_and_its_force_or_tracking_error_is_felt(tmp_path, opt
 def test_three_joints_move_and_the_sign_of_units_turns_one_round(tmp_path):
     clock = Clock()
     scene = follower(tmp_path, clock, joints="x+y+z", reports_force=False)
-    assert scene.axes == 3
+    assert scene.parts == ("force:3",)
     play(scene, clock, (0.0, 0.0, 0.0), 0.1)
     force_n = play(scene, clock, (0.020, -0.01, 0.003), 2.0)
     assert force_n == pytest.approx([200.0 * 0.02 / 3.0, 0.0, 0.0], abs=0.02)

@@ -10,6 +10,7 @@ from plugin_helpers import AT_REST, HANDS, Broken, Clock, remote, simulated, tel
 import hapticnet as hn
 from hapticnet.errors import SettingsError
 from lerobot_robot_hapticnet import Follower, HapticnetSimulatedConfig
+from lerobot_robot_hapticnet.config import Joints
 from lerobot_robot_hapticnet.link import Tool
 
 
@@ -37,7 +38,7 @@ def test_an_action_moves_the_robot_and_its_force_is_observed(tmp_path, beside):
 def test_steps_of_an_action_are_made_small(monkeypatch):
     clock = Clock()
     monkeypatch.setattr("lerobot_robot_hapticnet.link.time", SimpleNamespace(monotonic=clock))
-    tool = Tool(1, None)
+    tool = Tool(Joints(), None)
     for tick in range(700):
         if tick % 33 == 0:
             tool.move((0.3e-3 * (tick // 33),))
@@ -207,5 +208,5 @@ def test_the_coupling_keeps_a_yielding_hand_from_being_pushed_by_more_than_it_pu
 
 def test_a_hand_of_other_axes_is_refused(tmp_path):
     hand = teleoperator(tmp_path, joints="x+y")
-    with pytest.raises(DeviceNotConnectedError, match="has 1 axes, but there are 2 joints"):
+    with pytest.raises(DeviceNotConnectedError, match="has force:1, but x, y need force:2"):
         hand.connect()
