@@ -205,9 +205,28 @@ typedef struct {
     hn_settings settings;
     double rate_hz;
     int64_t clock_us, heard_us;
+    const uint8_t *noise2; /* of a sealed WELCOME */
+    size_t noise2_size;
 } hn_greeting;
 
+struct hn_slave;
+
+/* The same for a slave. */
+typedef struct {
+    bool (*is_for_us)(void *keys, uint32_t nonce, uint32_t sequence, const uint8_t *noise1, size_t size,
+                      const uint8_t *mac);
+    size_t (*read)(void *keys, uint32_t nonce, uint32_t sequence, const uint8_t *noise1, size_t size, uint8_t *plain);
+    bool (*is_listed)(void *keys);
+    size_t (*answer)(struct hn_slave *s, const uint8_t *payload, size_t size, const uint8_t **noise2);
+    void (*use)(void *keys, bool half_open);
+    size_t (*seal)(void *keys, unsigned transport, uint8_t *data, size_t size);
+    bool (*open)(void *keys, unsigned transport, const uint8_t *data, size_t size, uint32_t sequence, size_t body,
+                 uint8_t *plain);
+} hn_slave_sealing;
+
 typedef struct hn_slave {
+    const hn_slave_sealing *sealing; /* NULL for open sessions */
+    void *keys;
     const char *scene;
     unsigned axes;
     double fastest_rate_hz;

@@ -1,4 +1,4 @@
-/* Sealed sessions of a master: docs/refer/protocol.md, "Sealed sessions". They need libcrypto of OpenSSL 3, or another
+/* Sealed sessions: docs/refer/protocol.md, "Sealed sessions". They need libcrypto of OpenSSL 3, or another
  * library with the primitives of crypto.h. */
 #ifndef HAPTICNET_SEALED_H
 #define HAPTICNET_SEALED_H
@@ -32,6 +32,25 @@ typedef struct {
  * NULL, a key that both share. Return false if the slave's key is of low order. `keys` stays where it is. */
 bool hn_master_seal(hn_master *m, hn_master_keys *keys, const hn_key own_private, const hn_key slave_public,
                     const uint8_t *psk);
+
+/* A master that a slave serves, and the key that both share, or zeros. */
+typedef struct {
+    hn_key public_key, psk;
+} hn_listed;
+
+/* The keys of a slave; as those of a master. */
+typedef struct {
+    hn_key own_private, own_public;
+    const hn_listed *listed;
+    size_t count;
+    hn_key theirs, ephemeral, chain, hash, cipher, psk; /* of the handshake under way */
+    uint8_t noise2[512];                                /* the answer to it */
+    size_t noise2_size;
+    hn_transport granted, transports[2]; /* of the session, and of the half-open one */
+} hn_slave_keys;
+
+/* Let a slave, after its init, serve sealed sessions only, of the listed masters. `keys` and `listed` stay. */
+bool hn_slave_seal(hn_slave *s, hn_slave_keys *keys, const hn_key own_private, const hn_listed *listed, size_t count);
 
 #ifdef __cplusplus
 }

@@ -1,11 +1,11 @@
-/* The master's half of Noise_IKpsk2_25519_ChaChaPoly_BLAKE2s (revision 34), and the seal of its sessions. */
+/* Both halves of Noise_IKpsk2_25519_ChaChaPoly_BLAKE2s (revision 34), and the seal of sessions. */
 #include <string.h>
 
 #include "crypto.h"
 #include "hapticnet_sealed.h"
 #include "messages.h"
 
-enum { NOISE1_BYTES = 2 * HN_KEY_BYTES + 2 * HN_TAG_BYTES };
+enum { NOISE1_BYTES = 2 * HN_KEY_BYTES + 2 * HN_TAG_BYTES, NOISE2_BYTES = HN_KEY_BYTES + HN_TAG_BYTES };
 
 static void store32(uint8_t *at, uint32_t number)
 {
@@ -17,9 +17,15 @@ static void store32(uint8_t *at, uint32_t number)
 
 static const uint8_t ZERO_NONCE[HN_NONCE_BYTES];
 
-static bool mix_hash(hn_master_keys *k, const void *data, size_t size)
+typedef struct {
+    uint8_t *chain, *hash, *cipher;
+} transcript;
+
+#define OF(k) ((transcript){(k)->chain, (k)->hash, (k)->cipher})
+
+static bool mix_hash(transcript k, const void *data, size_t size)
 {
-    return hn_hash(k->hash, k->hash, HN_KEY_BYTES, data, size);
+    return hn_hash(k.hash, k.hash, HN_KEY_BYTES, data, size);
 }
 
 /* Derive `count` keys, 2 or 3, from the chain and some material (section 4.3). */
@@ -36,81 +42,108 @@ static bool derive(const hn_key chain, const void *material, size_t size, unsign
     return good;
 }
 
-static bool mix_key(hn_master_keys *k, const hn_key material)
+static bool mix_key(transcript k, const hn_key material)
 {
     hn_key out[3];
-    if (!derive(k->chain, material, HN_KEY_BYTES, 2, out))
+    if (!derive(k.chain, material, HN_KEY_BYTES, 2, out))
         return false;
-    memcpy(k->chain, out[0], HN_KEY_BYTES);
-    memcpy(k->cipher, out[1], HN_KEY_BYTES);
+    memcpy(k.chain, out[0], HN_KEY_BYTES);
+    memcpy(k.cipher, out[1], HN_KEY_BYTES);
     return true;
 }
 
-static bool mix_secret(hn_master_keys *k, const hn_key private_key, const hn_key public_key)
+static bool mix_secret(transcript k, const hn_key private_key, const hn_key public_key)
 {
     hn_key secret;
     return hn_shared_secret(secret, private_key, public_key) && mix_key(k, secret);
 }
 
-static bool mix_psk(hn_master_keys *k, const hn_key psk)
+static bool mix_psk(transcript k, const hn_key psk)
 {
     hn_key out[3];
-    if (!derive(k->chain, psk, HN_KEY_BYTES, 3, out))
+    if (!derive(k.chain, psk, HN_KEY_BYTES, 3, out))
         return false;
-    memcpy(k->chain, out[0], HN_KEY_BYTES);
-    memcpy(k->cipher, out[2], HN_KEY_BYTES);
+    memcpy(k.chain, out[0], HN_KEY_BYTES);
+    memcpy(k.cipher, out[2], HN_KEY_BYTES);
     return mix_hash(k, out[1], HN_KEY_BYTES);
 }
 
-static bool encrypt(hn_master_keys *k, uint8_t *sealed, const void *plain, size_t size)
+static bool encrypt(transcript k, uint8_t *sealed, const void *plain, size_t size)
 {
-    return hn_seal(sealed, k->cipher, ZERO_NONCE, k->hash, HN_KEY_BYTES, plain, size) &&
+    return hn_seal(sealed, k.cipher, ZERO_NONCE, k.hash, HN_KEY_BYTES, plain, size) &&
            mix_hash(k, sealed, size + HN_TAG_BYTES);
 }
 
-static bool begin_handshake(hn_master_keys *k, uint32_t nonce)
+static bool decrypt(transcript k, uint8_t *plain, const uint8_t *sealed, size_t size)
 {
-    static const char name[] = "Noise_IKpsk2_25519_ChaChaPoly_BLAKE2s";
-    uint8_t prologue[19] = "hapticnet 2"; /* and the nonce, and the sequence of the HELLO, which is 0 */
-    store32(prologue + 11, nonce);
-    return hn_hash(k->chain, name, sizeof name - 1, NULL, 0) &&
-           hn_hash(k->hash, k->chain, HN_KEY_BYTES, prologue, sizeof prologue) &&
-           mix_hash(k, k->slave_public, HN_KEY_BYTES);
+    return hn_open(plain, k.cipher, ZERO_NONCE, k.hash, HN_KEY_BYTES, sealed, size) && mix_hash(k, sealed, size);
 }
 
-/* -> e, es, s, ss; and the code that shows that this master knows the slave's public key */
-static bool write_noise1(hn_master_keys *k, uint32_t nonce, const uint8_t *request, size_t size)
+static bool mix_ephemeral(transcript k, const hn_key public_key)
 {
-    uint8_t *at = k->noise1 + HN_KEY_BYTES, data[8 + sizeof k->noise1] = {0};
+    return mix_hash(k, public_key, HN_KEY_BYTES) && mix_key(k, public_key);
+}
+
+static bool begin_handshake(transcript k, const hn_key slave_public, uint32_t nonce, uint32_t sequence)
+{
+    static const char name[] = "Noise_IKpsk2_25519_ChaChaPoly_BLAKE2s";
+    uint8_t prologue[19] = "hapticnet 2"; /* and the nonce, and the sequence of the HELLO */
+    store32(prologue + 11, nonce);
+    store32(prologue + 15, sequence);
+    return hn_hash(k.chain, name, sizeof name - 1, NULL, 0) &&
+           hn_hash(k.hash, k.chain, HN_KEY_BYTES, prologue, sizeof prologue) && mix_hash(k, slave_public, HN_KEY_BYTES);
+}
+
+/* The code that shows that a master knows the slave's public key */
+static bool write_mac(uint8_t mac[16], const hn_key slave_public, uint32_t nonce, uint32_t sequence,
+                      const uint8_t *noise1, size_t size)
+{
+    uint8_t data[8 + HN_DATAGRAM_BYTES];
     hn_key label;
-    k->noise1_size = NOISE1_BYTES + size;
-    if (k->noise1_size > sizeof k->noise1 || !begin_handshake(k, nonce) || !hn_public_of(k->noise1, k->ephemeral) ||
-        !mix_hash(k, k->noise1, HN_KEY_BYTES) || !mix_key(k, k->noise1) ||
-        !mix_secret(k, k->ephemeral, k->slave_public) || !encrypt(k, at, k->own_public, HN_KEY_BYTES) ||
-        !mix_key(k, k->static_shared) || !encrypt(k, at + HN_KEY_BYTES + HN_TAG_BYTES, request, size))
+    if (size > HN_DATAGRAM_BYTES)
         return false;
     store32(data, nonce);
-    memcpy(data + 8, k->noise1, k->noise1_size);
-    return hn_hash(label, "hapticnet mac1", 14, k->slave_public, HN_KEY_BYTES) &&
-           hn_mac(k->mac, label, data, 8 + k->noise1_size);
+    store32(data + 4, sequence);
+    memcpy(data + 8, noise1, size);
+    return hn_hash(label, "hapticnet mac1", 14, slave_public, HN_KEY_BYTES) && hn_mac(mac, label, data, 8 + size);
+}
+
+static bool split(transcript k, hn_key first, hn_key second)
+{
+    hn_key out[3];
+    if (!derive(k.chain, NULL, 0, 2, out))
+        return false;
+    memcpy(first, out[0], HN_KEY_BYTES);
+    memcpy(second, out[1], HN_KEY_BYTES);
+    return true;
+}
+
+/* The master */
+
+/* -> e, es, s, ss */
+static bool write_noise1(hn_master_keys *k, uint32_t nonce, const uint8_t *request, size_t size)
+{
+    transcript t = OF(k);
+    uint8_t *at = k->noise1 + HN_KEY_BYTES;
+    k->noise1_size = NOISE1_BYTES + size;
+    return k->noise1_size <= sizeof k->noise1 && begin_handshake(t, k->slave_public, nonce, 0) &&
+           hn_public_of(k->noise1, k->ephemeral) && mix_ephemeral(t, k->noise1) &&
+           mix_secret(t, k->ephemeral, k->slave_public) && encrypt(t, at, k->own_public, HN_KEY_BYTES) &&
+           mix_key(t, k->static_shared) && encrypt(t, at + HN_KEY_BYTES + HN_TAG_BYTES, request, size) &&
+           write_mac(k->mac, k->slave_public, nonce, 0, k->noise1, k->noise1_size);
 }
 
 /* <- e, ee, se, psk. It changes `k` only if all is well. */
-static bool read_noise2(hn_master_keys *k, const hn_key psk, hn_bytes noise2, uint8_t *plain, hn_transport *transport)
+static bool read_noise2(hn_master_keys *k, const hn_key psk, hn_bytes noise2, uint8_t *plain)
 {
     hn_master_keys next = *k;
-    hn_key out[3];
-    size_t size = noise2.size - HN_KEY_BYTES;
-    if (noise2.size < HN_KEY_BYTES + HN_TAG_BYTES || !mix_hash(&next, noise2.at, HN_KEY_BYTES) ||
-        !mix_key(&next, noise2.at) || !mix_secret(&next, next.ephemeral, noise2.at) ||
-        !mix_secret(&next, next.own_private, noise2.at) || !mix_psk(&next, psk) ||
-        !hn_open(plain, next.cipher, ZERO_NONCE, next.hash, HN_KEY_BYTES, noise2.at + HN_KEY_BYTES, size) ||
-        !derive(next.chain, NULL, 0, 2, out))
+    transcript t = OF(&next);
+    if (noise2.size < NOISE2_BYTES || !mix_ephemeral(t, noise2.at) || !mix_secret(t, next.ephemeral, noise2.at) ||
+        !mix_secret(t, next.own_private, noise2.at) || !mix_psk(t, psk) ||
+        !decrypt(t, plain, noise2.at + HN_KEY_BYTES, noise2.size - HN_KEY_BYTES))
         return false;
-    memset(transport, 0, sizeof *transport);
-    memcpy(transport->send, out[0], HN_KEY_BYTES);
-    memcpy(transport->receive, out[1], HN_KEY_BYTES);
-    return true;
+    memset(&k->granted, 0, sizeof k->granted);
+    return split(t, k->granted.send, k->granted.receive);
 }
 
 static bool is_refusal(hn_bytes packed)
@@ -125,10 +158,10 @@ static size_t read_answer(void *keys, const uint8_t *noise2, size_t size, uint8_
 {
     static const hn_key no_psk;
     hn_master_keys *k = keys;
-    hn_bytes sealed = {noise2, size}, opened = {plain, size - HN_KEY_BYTES - HN_TAG_BYTES};
-    if (read_noise2(k, k->psk, sealed, plain, &k->granted))
+    hn_bytes sealed = {noise2, size}, opened = {plain, size - NOISE2_BYTES};
+    if (read_noise2(k, k->psk, sealed, plain))
         return opened.size;
-    if (!k->has_psk || !read_noise2(k, no_psk, sealed, plain, &k->granted) || !is_refusal(opened))
+    if (!k->has_psk || !read_noise2(k, no_psk, sealed, plain) || !is_refusal(opened))
         return 0;
     return opened.size;
 }
@@ -161,9 +194,8 @@ static bool rekey(hn_key next, const hn_key key)
 }
 
 /* Seal a datagram of an open session in place: it stays the same but for version and body. */
-static size_t seal(void *keys, unsigned stream, uint8_t *data, size_t size)
+static size_t seal_with(hn_transport *t, uint8_t *data, size_t size)
 {
-    hn_transport *t = &((hn_master_keys *)keys)->transports[stream];
     uint8_t nonce[HN_NONCE_BYTES], plain[HN_DATAGRAM_BYTES];
     hn_frame frame;
     if (!hn_read_frame((hn_bytes){data, size}, &frame) || frame.body.size + HN_TAG_BYTES > HN_DATAGRAM_BYTES)
@@ -186,10 +218,8 @@ static size_t seal(void *keys, unsigned stream, uint8_t *data, size_t size)
 }
 
 /* Open the body of a datagram into `plain`; return whether it is genuine. The head of its body must be the shortest. */
-static bool open_body(void *keys, unsigned stream, const uint8_t *data, size_t size, uint32_t sequence, size_t body,
-                      uint8_t *plain)
+static bool open_with(hn_transport *t, const uint8_t *data, size_t size, uint32_t sequence, size_t body, uint8_t *plain)
 {
-    hn_transport *t = &((hn_master_keys *)keys)->transports[stream];
     uint8_t nonce[HN_NONCE_BYTES];
     uint32_t epoch = sequence >> HN_EPOCH_BITS;
     size_t head = size - body - (body <= UINT8_MAX ? 2 : 3);
@@ -212,17 +242,23 @@ static bool open_body(void *keys, unsigned stream, const uint8_t *data, size_t s
     return true;
 }
 
-/* Begin an attempt, with a new ephemeral key. */
+static void draw(hn_key key, hn_entropy *entropy, void *context)
+{
+    for (unsigned i = 0; i < HN_KEY_BYTES; i += 4)
+        store32(key + i, entropy(context));
+}
+
+/* What a master calls */
+
 static void ask(hn_master *m, const uint8_t *request, size_t size)
 {
     hn_master_keys *k = m->keys;
-    for (unsigned i = 0; i < HN_KEY_BYTES; i += 4)
-        store32(k->ephemeral + i, m->entropy(m->context));
+    draw(k->ephemeral, m->entropy, m->context);
     if (!write_noise1(k, m->nonce, request, size))
         k->noise1_size = 0; /* which no slave answers */
 }
 
-static void hello_fields(void *keys, const uint8_t **noise1, size_t *size, const uint8_t **mac)
+static void hello(void *keys, const uint8_t **noise1, size_t *size, const uint8_t **mac)
 {
     hn_master_keys *k = keys;
     *noise1 = k->noise1;
@@ -230,10 +266,21 @@ static void hello_fields(void *keys, const uint8_t **noise1, size_t *size, const
     *mac = k->mac;
 }
 
+static size_t seal_of_master(void *keys, unsigned stream, uint8_t *data, size_t size)
+{
+    return seal_with(&((hn_master_keys *)keys)->transports[stream], data, size);
+}
+
+static bool open_of_master(void *keys, unsigned stream, const uint8_t *data, size_t size, uint32_t sequence,
+                           size_t body, uint8_t *plain)
+{
+    return open_with(&((hn_master_keys *)keys)->transports[stream], data, size, sequence, body, plain);
+}
+
 bool hn_master_seal(hn_master *m, hn_master_keys *keys, const hn_key own_private, const hn_key slave_public,
                     const uint8_t *psk)
 {
-    static const hn_sealing sealing = {ask, hello_fields, read_answer, use, seal, open_body};
+    static const hn_sealing sealing = {ask, hello, read_answer, use, seal_of_master, open_of_master};
     memset(keys, 0, sizeof *keys);
     memcpy(keys->own_private, own_private, HN_KEY_BYTES);
     memcpy(keys->slave_public, slave_public, HN_KEY_BYTES);
@@ -244,4 +291,97 @@ bool hn_master_seal(hn_master *m, hn_master_keys *keys, const hn_key own_private
     m->keys = keys;
     return hn_public_of(keys->own_public, own_private) &&
            hn_shared_secret(keys->static_shared, own_private, slave_public);
+}
+
+/* What a slave calls */
+
+static bool is_for_us(void *keys, uint32_t nonce, uint32_t sequence, const uint8_t *noise1, size_t size,
+                      const uint8_t *mac)
+{
+    hn_slave_keys *k = keys;
+    uint8_t wanted[16], differ = 0;
+    if (!write_mac(wanted, k->own_public, nonce, sequence, noise1, size))
+        return false;
+    for (unsigned i = 0; i < sizeof wanted; i++) /* in a time that does not depend on the difference */
+        differ |= wanted[i] ^ mac[i];
+    return differ == 0;
+}
+
+/* Read the first message of a handshake; return the size of the request, or 0. */
+static size_t read_noise1(void *keys, uint32_t nonce, uint32_t sequence, const uint8_t *noise1, size_t size,
+                          uint8_t *plain)
+{
+    hn_slave_keys *k = keys;
+    transcript t = OF(k);
+    const uint8_t *at = noise1 + HN_KEY_BYTES;
+    if (size <= NOISE1_BYTES || !begin_handshake(t, k->own_public, nonce, sequence) || !mix_ephemeral(t, noise1) ||
+        !mix_secret(t, k->own_private, noise1) || !decrypt(t, k->theirs, at, HN_KEY_BYTES + HN_TAG_BYTES) ||
+        !mix_secret(t, k->own_private, k->theirs) ||
+        !decrypt(t, plain, at + HN_KEY_BYTES + HN_TAG_BYTES, size - 2 * HN_KEY_BYTES - HN_TAG_BYTES))
+        return 0;
+    memcpy(k->ephemeral, noise1, HN_KEY_BYTES); /* the master's, until the answer */
+    return size - NOISE1_BYTES;
+}
+
+/* Whether the master of the handshake is listed; its psk is used from now on. */
+static bool is_listed(void *keys)
+{
+    hn_slave_keys *k = keys;
+    memset(k->psk, 0, sizeof k->psk);
+    for (size_t i = 0; i < k->count; i++)
+        if (memcmp(k->listed[i].public_key, k->theirs, HN_KEY_BYTES) == 0) {
+            memcpy(k->psk, k->listed[i].psk, HN_KEY_BYTES);
+            return true;
+        }
+    return false;
+}
+
+/* <- e, ee, se, psk */
+static size_t write_noise2(hn_slave *s, const uint8_t *payload, size_t size, const uint8_t **noise2)
+{
+    hn_slave_keys *k = s->keys;
+    transcript t = OF(k);
+    hn_key ours;
+    draw(ours, s->entropy, s->context);
+    *noise2 = k->noise2;
+    memset(&k->granted, 0, sizeof k->granted);
+    k->noise2_size = NOISE2_BYTES + size;
+    if (k->noise2_size > sizeof k->noise2 || !hn_public_of(k->noise2, ours) || !mix_ephemeral(t, k->noise2) ||
+        !mix_secret(t, ours, k->ephemeral) || !mix_secret(t, ours, k->theirs) || !mix_psk(t, k->psk) ||
+        !encrypt(t, k->noise2 + HN_KEY_BYTES, payload, size) || !split(t, k->granted.receive, k->granted.send))
+        k->noise2_size = 0;
+    return k->noise2_size;
+}
+
+static void use_of_slave(void *keys, bool half_open)
+{
+    hn_slave_keys *k = keys;
+    if (half_open)
+        k->transports[1] = k->granted;
+    else
+        k->transports[0] = k->transports[1];
+}
+
+static size_t seal_of_slave(void *keys, unsigned transport, uint8_t *data, size_t size)
+{
+    return seal_with(&((hn_slave_keys *)keys)->transports[transport], data, size);
+}
+
+static bool open_of_slave(void *keys, unsigned transport, const uint8_t *data, size_t size, uint32_t sequence,
+                          size_t body, uint8_t *plain)
+{
+    return open_with(&((hn_slave_keys *)keys)->transports[transport], data, size, sequence, body, plain);
+}
+
+bool hn_slave_seal(hn_slave *s, hn_slave_keys *keys, const hn_key own_private, const hn_listed *listed, size_t count)
+{
+    static const hn_slave_sealing sealing = {is_for_us,    read_noise1,   is_listed,    write_noise2,
+                                             use_of_slave, seal_of_slave, open_of_slave};
+    memset(keys, 0, sizeof *keys);
+    memcpy(keys->own_private, own_private, HN_KEY_BYTES);
+    keys->listed = listed;
+    keys->count = count;
+    s->sealing = &sealing;
+    s->keys = keys;
+    return hn_public_of(keys->own_public, own_private);
 }

@@ -29,6 +29,24 @@ static uint32_t draw_number(hn_slave *s)
     return number;
 }
 
+static uint32_t version(const hn_slave *s)
+{
+    return s->sealing != NULL ? 2 : 1;
+}
+
+/* Mark a datagram that no seal covers with the version of its HELLO. */
+static size_t with_version(const hn_slave *s, uint8_t *data, size_t size)
+{
+    data[1] = (uint8_t)version(s);
+    return size;
+}
+
+/* Seal a datagram of the session, or of the half-open one. */
+static size_t sealed(const hn_slave *s, bool half_open, uint8_t *data, size_t size)
+{
+    return s->sealing == NULL ? size : s->sealing->seal(s->keys, half_open, data, size);
+}
+
 static size_t refuse(uint8_t *answer, uint32_t nonce, unsigned code, const char *reason)
 {
     hn_ending refusal = {.nonce = nonce, .reason = hn_text(reason), .code = code};
@@ -74,10 +92,16 @@ static unsigned refusal_of(const hn_slave *s, const hn_asked *asked, hn_settings
     return asked->has_parts ? HN_CODE_AXES : 0;
 }
 
-static size_t welcome(const hn_slave *s, uint8_t *answer)
+/* Write the WELCOME of the half-open session: in a sealed one, the Noise message that was made for it. */
+static size_t write_welcome(const hn_slave *s, hn_bytes granted, uint32_t nonce, uint32_t session, uint8_t *answer)
+{
+    hn_answer welcome = {nonce, granted};
+    return with_version(s, answer, hn_write_answer(answer, HN_WELCOME, session, 0, &welcome));
+}
+
+static hn_bytes pack_grant(const hn_slave *s, uint8_t *packed, size_t size)
 {
     const hn_greeting *g = &s->half_open;
-    uint8_t packed[HN_NAME_BYTES + 64];
     hn_grant grant = {
         .session = g->number,
         .rate_hz = g->rate_hz,
@@ -86,8 +110,40 @@ static size_t welcome(const hn_slave *s, uint8_t *answer)
         .ticket = {g->ticket, HN_TICKET_BYTES},
         .resumed = g->continues,
     };
-    hn_answer granted = {g->nonce, hn_pack_grant(packed, sizeof packed, &grant)};
-    return hn_write_answer(answer, HN_WELCOME, g->number, 0, &granted);
+    return hn_pack_grant(packed, size, &grant);
+}
+
+/* Write the WELCOME of the half-open session, or the same again. */
+static size_t welcome(hn_slave *s, bool again, uint8_t *answer)
+{
+    uint8_t packed[HN_NAME_BYTES + 64];
+    hn_bytes granted = pack_grant(s, packed, sizeof packed);
+    if (s->sealing != NULL && !again) {
+        s->half_open.noise2_size = s->sealing->answer(s, granted.at, granted.size, &s->half_open.noise2);
+        s->sealing->use(s->keys, true);
+    }
+    if (s->sealing != NULL)
+        granted = (hn_bytes){s->half_open.noise2, s->half_open.noise2_size};
+    if (granted.size == 0)
+        return 0;
+    return write_welcome(s, granted, s->half_open.nonce, s->half_open.number, answer);
+}
+
+/* Refuse a request that was read: under the seal, if there is one. */
+static size_t refuse_request(hn_slave *s, uint32_t nonce, unsigned code, const char *reason, uint8_t *answer)
+{
+    uint8_t packed[HN_REASON_BYTES + 16];
+    const uint8_t *noise2;
+    if (s->sealing == NULL)
+        return refuse(answer, nonce, code, reason);
+    hn_writer w = hn_write_to(packed, sizeof packed);
+    hn_put_array(&w, 3);
+    hn_put_uint(&w, 0);
+    hn_put_text(&w, reason, strlen(reason));
+    hn_put_uint(&w, code);
+    size_t size = s->sealing->answer(s, packed, (size_t)(w.at - packed), &noise2);
+    s->half_open.noise2_size = 0; /* its WELCOME is overwritten, and cannot be repeated */
+    return write_welcome(s, (hn_bytes){noise2, size}, nonce, 0, answer);
 }
 
 /* Whether the session must not end for the master of another one. */
@@ -104,19 +160,26 @@ static bool is_taken(hn_slave *s, bool continues, int64_t now_us)
 static size_t admit(hn_slave *s, const hn_hello *hello, uint32_t sequence, const hn_address *address, int64_t now_us,
                     uint8_t *answer)
 {
+    uint8_t plain[HN_DATAGRAM_BYTES];
     hn_asked asked;
     hn_settings settings;
-    const char *reason;
-    if (!hn_read_asked(hello->request, &asked)) {
+    const char *reason = "this slave does not know the master's key";
+    hn_bytes request = hello->request;
+    if (s->sealing != NULL) {
+        request.size = s->sealing->read(s->keys, hello->nonce, sequence, request.at, request.size, plain);
+        request.at = plain;
+    }
+    if (!hn_read_asked(request, &asked)) {
         s->counts.malformed++;
         return 0;
     }
-    unsigned code = refusal_of(s, &asked, &settings, &reason);
+    unsigned code = s->sealing != NULL && !s->sealing->is_listed(s->keys) ? HN_CODE_KEY
+                                                                          : refusal_of(s, &asked, &settings, &reason);
     if (code != 0)
-        return refuse(answer, hello->nonce, code, reason);
+        return refuse_request(s, hello->nonce, code, reason, answer);
     bool continues = s->open && asked.ticket.at != NULL && memcmp(asked.ticket.at, s->ticket, sizeof s->ticket) == 0;
     if (is_taken(s, continues, now_us))
-        return refuse(answer, hello->nonce, HN_CODE_FULL, "this slave serves another master");
+        return refuse_request(s, hello->nonce, HN_CODE_FULL, "this slave serves another master", answer);
     s->half_open = (hn_greeting){
         .waits = true,
         .continues = continues,
@@ -130,7 +193,7 @@ static size_t admit(hn_slave *s, const hn_hello *hello, uint32_t sequence, const
         .heard_us = now_us,
     };
     draw(s, s->half_open.ticket, HN_TICKET_BYTES);
-    return welcome(s, answer);
+    return welcome(s, false, answer);
 }
 
 static hn_cookie *cookie_of(hn_slave *s, uint32_t nonce, const hn_address *address)
@@ -162,21 +225,28 @@ static size_t receive_hello(hn_slave *s, const hn_frame *frame, size_t size, con
         s->counts.malformed++;
         return 0;
     }
-    if (frame->version != 1)
-        return refuse(answer, nonce, frame->version == 2 ? HN_CODE_KEY : HN_CODE_VERSION,
-                      "this slave serves open sessions only: version 1");
-    if (!hn_read_hello(frame->body, &hello)) {
+    if (frame->version != version(s))
+        return refuse(answer, nonce, frame->version == 1 || frame->version == 2 ? HN_CODE_KEY : HN_CODE_VERSION,
+                      s->sealing != NULL ? "this slave serves sealed sessions only: version 2"
+                                         : "this slave serves open sessions only: version 1");
+    if (!hn_read_hello(frame->body, &hello) || (s->sealing != NULL && frame->sequence >= 1u << HN_EPOCH_BITS)) {
         s->counts.malformed++;
+        return 0;
+    }
+    if (s->sealing != NULL && (hello.mac.size != 16 || !s->sealing->is_for_us(s->keys, nonce, frame->sequence,
+                                                                              hello.request.at, hello.request.size,
+                                                                              hello.mac.at))) {
+        s->counts.stray++; /* its sender does not know this slave's key */
         return 0;
     }
     hn_cookie *cookie = give_cookie(s, nonce, address);
     if (hello.cookie.size != HN_COOKIE_BYTES || memcmp(hello.cookie.at, cookie->cookie, HN_COOKIE_BYTES) != 0) {
         hn_answer given = {nonce, {cookie->cookie, HN_COOKIE_BYTES}};
-        return hn_write_answer(answer, HN_COOKIE, 0, 0, &given);
+        return with_version(s, answer, hn_write_answer(answer, HN_COOKIE, 0, 0, &given));
     }
     if (s->half_open.waits && s->half_open.nonce == nonce && is_at(&s->half_open.address, address)) {
         s->half_open.heard_us = now_us;
-        return welcome(s, answer);
+        return welcome(s, true, answer);
     }
     if (cookie->spent) /* a request is read once */
         return 0;
@@ -188,6 +258,8 @@ static size_t receive_hello(hn_slave *s, const hn_frame *frame, size_t size, con
 static void open_session(hn_slave *s, int64_t now_us)
 {
     const hn_greeting *g = &s->half_open;
+    if (s->sealing != NULL)
+        s->sealing->use(s->keys, false);
     s->open = true;
     s->half_open.waits = false;
     s->address = g->address;
@@ -200,7 +272,7 @@ static void open_session(hn_slave *s, int64_t now_us)
     s->waits = false;
     s->heard_us = g->heard_us;
     s->position_t_us = g->clock_us;
-    hn_arrivals_init(&s->arrivals, g->first, false);
+    hn_arrivals_init(&s->arrivals, g->first, s->sealing != NULL);
     hn_encoder_init(&s->encoder, &g->settings);
     hn_repair_init(&s->repair, &g->settings, now_us);
 }
@@ -220,7 +292,7 @@ static bool is_served(hn_slave *s, int64_t now_us)
     return true;
 }
 
-static void receive_position(hn_slave *s, const hn_frame *frame, bool opens, int64_t now_us)
+static void receive_position(hn_slave *s, const hn_frame *frame, const hn_address *from, bool opens, int64_t now_us)
 {
     hn_position position;
     hn_vector place_m;
@@ -235,6 +307,8 @@ static void receive_position(hn_slave *s, const hn_frame *frame, bool opens, int
         open_session(s, now_us);
     hn_arrival arrival = hn_arrive(&s->arrivals, frame->sequence);
     s->counts.stray += arrival == HN_ASTRAY;
+    if (arrival == HN_NEW)
+        s->address = *from; /* a sealed session follows its master */
     if (arrival != HN_NEW || !is_served(s, now_us))
         return;
     /* The present time of the master's clock: time stamps wrap, and a silent session may be older. */
@@ -255,7 +329,7 @@ static size_t write_close(hn_slave *s, const char *reason, unsigned code, uint8_
     if (!hn_is_text(close.reason, HN_REASON_BYTES))
         close.reason.size = 0;
     s->open = s->waits = false;
-    return hn_write_ending(datagram, HN_CLOSE, s->number, s->sequence++, &close);
+    return sealed(s, false, datagram, hn_write_ending(datagram, HN_CLOSE, s->number, s->sequence++, &close));
 }
 
 /* Answer a CLOSE of the session, or of the half-open one. */
@@ -269,45 +343,64 @@ static size_t receive_close(hn_slave *s, const hn_frame *frame, bool half_open, 
     if (half_open) {
         hn_ending done = {.reason = hn_text("as asked")};
         s->half_open.waits = false;
-        return hn_write_ending(answer, HN_CLOSE, frame->session, 1, &done);
+        return sealed(s, true, answer, hn_write_ending(answer, HN_CLOSE, frame->session, 1, &done));
     }
     hn_arrival arrival = hn_arrive(&s->arrivals, frame->sequence);
     s->counts.stray += arrival == HN_ASTRAY;
     return arrival == HN_NEW ? write_close(s, "as asked", HN_CODE_OTHER, answer) : 0;
 }
 
+static size_t receive_data(hn_slave *s, hn_bytes data, hn_frame *frame, const hn_address *from, int64_t now_us,
+                           uint8_t *answer)
+{
+    uint8_t plain[HN_DATAGRAM_BYTES];
+    bool is_position = frame->kind == HN_POSITION, is_sealed = s->sealing != NULL;
+    if (now_us - s->half_open.heard_us > HN_HALF_OPEN_US)
+        s->half_open.waits = false;
+    /* An open session is bound to its address. A sealed one is found by its number alone. */
+    bool of_session = s->open && frame->session == s->number && (is_sealed || is_at(from, &s->address));
+    bool half_open = s->half_open.waits && frame->session == s->half_open.number &&
+                     (is_sealed || is_at(from, &s->half_open.address));
+    if (frame->version != version(s) || !(of_session || half_open) || !(is_position || frame->kind == HN_CLOSE)) {
+        s->counts.stray++;
+        if (!(is_position || frame->kind == HN_CLOSE))
+            return 0;
+        size_t size = hn_write_frame(answer, HN_RESET, frame->session, frame->sequence, (hn_bytes){NULL, 0});
+        answer[1] = (uint8_t)frame->version;
+        return size;
+    }
+    if (is_sealed) {
+        if (!s->sealing->open(s->keys, half_open, data.at, data.size, frame->sequence, frame->body.size, plain)) {
+            s->counts.malformed++;
+            return 0;
+        }
+        frame->body = (hn_bytes){plain, frame->body.size - HN_TAG_BYTES};
+    }
+    if (!is_position)
+        return receive_close(s, frame, half_open, answer);
+    if (half_open && is_taken(s, s->half_open.continues, now_us)) {
+        hn_ending full = {.reason = hn_text("this slave serves another master"), .code = HN_CODE_FULL};
+        s->half_open.waits = false;
+        return sealed(s, true, answer, hn_write_ending(answer, HN_CLOSE, frame->session, 1, &full));
+    }
+    receive_position(s, frame, from, half_open, now_us);
+    return 0;
+}
+
 size_t hn_slave_receive(hn_slave *s, const void *datagram, size_t size, const void *address, size_t address_size,
                         int64_t now_us, uint8_t answer[HN_DATAGRAM_BYTES])
 {
+    hn_bytes data = {datagram, size};
     hn_frame frame;
     hn_address from = {.size = address_size < HN_ADDRESS_BYTES ? address_size : HN_ADDRESS_BYTES};
     memcpy(from.bytes, address, from.size);
-    if (!hn_read_frame((hn_bytes){datagram, size}, &frame)) {
+    if (!hn_read_frame(data, &frame)) {
         s->counts.malformed++;
         return 0;
     }
     if (frame.kind == HN_HELLO)
         return receive_hello(s, &frame, size, &from, now_us, answer);
-    if (now_us - s->half_open.heard_us > HN_HALF_OPEN_US)
-        s->half_open.waits = false;
-    bool of_session = s->open && frame.session == s->number && is_at(&from, &s->address);
-    bool half_open = s->half_open.waits && frame.session == s->half_open.number && is_at(&from, &s->half_open.address);
-    bool is_position = frame.kind == HN_POSITION, known = frame.version == 1 && (of_session || half_open);
-    if (known && is_position && half_open && is_taken(s, s->half_open.continues, now_us)) {
-        hn_ending full = {.reason = hn_text("this slave serves another master"), .code = HN_CODE_FULL};
-        s->half_open.waits = false;
-        return hn_write_ending(answer, HN_CLOSE, frame.session, 1, &full);
-    }
-    if (known && is_position) {
-        receive_position(s, &frame, half_open, now_us);
-        return 0;
-    }
-    if (known && frame.kind == HN_CLOSE)
-        return receive_close(s, &frame, half_open, answer);
-    s->counts.stray++;
-    if (frame.version != 1 || !(is_position || frame.kind == HN_CLOSE))
-        return 0;
-    return hn_write_frame(answer, HN_RESET, frame.session, frame.sequence, (hn_bytes){NULL, 0});
+    return receive_data(s, data, &frame, &from, now_us, answer);
 }
 
 bool hn_slave_position(const hn_slave *s, double position_m[])
@@ -321,7 +414,7 @@ size_t hn_slave_answer(hn_slave *s, const double force_n[], int64_t now_us, uint
 {
     uint8_t payload[8 * HN_MOST_AXES];
     hn_vector before_n;
-    if (!s->waits)
+    if (!s->waits || (s->sealing != NULL && s->sequence > HN_LAST_SEQUENCE))
         return 0;
     if (!hn_in_range(force_n, s->axes))
         return write_close(s, "the scene gave a force that is not finite", HN_CODE_FAILED, answer);
@@ -335,13 +428,13 @@ size_t hn_slave_answer(hn_slave *s, const double force_n[], int64_t now_us, uint
         hn_force force = {t_us, {payload, size}};
         s->newest_force = (hn_maybe){true, s->sequence};
         hn_repair_sent(&s->repair, HN_FORCE, s->sequence, before_n, now_us);
-        return hn_write_force(answer, s->number, s->sequence++, &force);
+        return sealed(s, false, answer, hn_write_force(answer, s->number, s->sequence++, &force));
     }
     if (!hn_keepalive_is_due(&s->repair, now_us))
         return 0;
     hn_keepalive keepalive = {t_us, s->newest_force};
     hn_repair_sent(&s->repair, HN_KEEPALIVE, s->sequence, before_n, now_us);
-    return hn_write_keepalive(answer, s->number, s->sequence++, &keepalive);
+    return sealed(s, false, answer, hn_write_keepalive(answer, s->number, s->sequence++, &keepalive));
 }
 
 size_t hn_slave_close(hn_slave *s, const char *reason, unsigned code, uint8_t datagram[HN_DATAGRAM_BYTES])

@@ -48,7 +48,7 @@ def load(folder: Path) -> Any:
     """Return the library that was built there."""
     lib = ctypes.CDLL(str(folder / "shim.so"))
     lib.shim_bytes.restype = ctypes.c_size_t
-    for name in ("hn_master_seal", "shim_decoder", "shim_decode", "shim_is_text"):
+    for name in ("hn_master_seal", "hn_slave_seal", "shim_decoder", "shim_decode", "shim_is_text"):
         getattr(lib, name).restype = ctypes.c_bool
     for name in ("hn_master_send", "hn_slave_receive", "hn_slave_answer", "hn_slave_close", "shim_repack"):
         getattr(lib, name).restype = ctypes.c_size_t
@@ -185,6 +185,13 @@ class Slave:
         self._entropy, self._name = Entropy(lambda _: random32()), name.encode()
         self._outbox: list[tuple[bytes, Any]] = []
         lib.hn_slave_init(self._state, self._name, scene.axes, self._entropy, None)
+
+    def seal(self, private: bytes, masters: Sequence[tuple[bytes, bytes]]) -> bool:
+        """Serve sealed sessions only, of masters by their public key and the key that both share."""
+        self._keys, self._listed = state(self._lib, b"slave keys"), b"".join(map(b"".join, masters))
+        count = ctypes.c_size_t(len(masters))
+        good: bool = self._lib.hn_slave_seal(self._state, self._keys, private, self._listed, count)
+        return good
 
     def receive_datagram(self, data: bytes, address: Any, now_us: int) -> None:
         place, now = repr(address).encode()[:28], ctypes.c_int64(now_us)

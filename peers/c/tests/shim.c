@@ -11,6 +11,8 @@ size_t shim_bytes(const char *what)
         return sizeof(hn_master);
     if (strcmp(what, "keys") == 0)
         return sizeof(hn_master_keys);
+    if (strcmp(what, "slave keys") == 0)
+        return sizeof(hn_slave_keys);
     return strcmp(what, "slave") == 0 ? sizeof(hn_slave) : sizeof(hn_decoder);
 }
 

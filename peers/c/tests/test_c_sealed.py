@@ -6,7 +6,9 @@ from dataclasses import replace
 
 import msgpack
 import pytest
-from test_c_sessions import NETWORKS, Pair
+from test_c_sessions import NETWORKS, Pair, in_c
+from test_c_slave import Pair as SlavePair
+from test_c_slave import Wall, position
 
 import peer
 from hapticnet.protocol.keys import MasterKey, PrivateKey
@@ -123,3 +125,60 @@ def test_a_refuse_without_a_seal_is_only_a_hint(lib):
 def test_a_key_of_low_order_is_refused(lib):
     master = peer.Master(lib, lambda: 7, lambda _: (0.0,))
     assert not master.seal(MASTER.private, bytes(32), None)
+
+
+@pytest.mark.parametrize("network", NETWORKS)
+def test_a_sealed_slave_answers_at_the_same_times_and_its_forces_are_equal_to_the_bit(lib, network):
+    pair = SlavePair(lib, network, key=SHARED, masters=[OTHER_ENTRY, SHARING])
+    pair.run(2.5)
+    pair.check(0.0 if network in ("near the end", "too slow") else 3.0)
+
+
+def test_both_sealed_ends_in_c_agree_with_both_in_python_and_change_their_keys(lib):
+    pair = SlavePair(lib, "disorder", key=KEY, master=lambda *asked: in_c(lib, *asked))
+    pair.run(0.5)
+    for loop in pair.loops:
+        lib.shim_set_sequence(loop.master.pointer, ctypes.c_uint32(2**20 - 300))
+    pair.run(1.0)
+    pair.check(3.0)
+    for loop in pair.loops:
+        loop.close("done")
+        assert loop.master.state == "closed"
+
+
+def test_a_sealed_slave_refuses_a_master_that_is_not_listed(lib):
+    pair = SlavePair(lib, "slow", key=KEY, masters=[OTHER_ENTRY])
+    pair.run(1.0)
+    assert [loop.master.refused for loop in pair.loops] == [True, True]
+    assert "does not know the master's key" in pair.loops[1].master.end_reason
+
+
+def test_a_sealed_slave_follows_its_master_to_another_address(lib):
+    """And answers only datagrams that open: a copy or a forgery from elsewhere moves nothing."""
+    pair = SlavePair(lib, "perfect", key=KEY, master=lambda *asked: in_c(lib, *asked))
+    pair.run(0.5)
+    loop = pair.loops[1]
+    master, slave, now_us = loop.master, loop.slave, loop.now_us
+    for address in ("home", "train", "home"):
+        now_us += 46_000
+        master.tick(now_us)
+        (data,) = master.datagrams_to_send()
+        slave.receive_datagram(bytes([*data[:-1], data[-1] ^ 1]), "thief", now_us)
+        assert slave.datagrams_to_send() == []
+        slave.receive_datagram(data, address, now_us)
+        assert [to for _, to in slave.datagrams_to_send()] == [address]
+        slave.receive_datagram(data, "thief", now_us)
+        assert slave.datagrams_to_send() == []
+
+
+def test_a_sealed_slave_does_not_answer_who_does_not_know_its_key(lib):
+    slave = peer.Slave(lib, lambda: 0xDEADBEEF, Wall(1))
+    assert slave.seal(MASTER.private, [(ENTRY.public, ENTRY.psk)])  # the key of another slave
+    master = peer.Master(lib, lambda: 7, lambda _: (0.0,))
+    assert master.seal(MASTER.private, SLAVE.public, None)
+    master.tick(0)
+    (hello,) = master.datagrams_to_send()
+    slave.receive_datagram(hello, "here", 0)
+    assert slave.datagrams_to_send() == []
+    slave.receive_datagram(position(1, 0), "here", 0)
+    assert [msgpack.unpackb(data)[:2] for data, _ in slave.datagrams_to_send()] == [[1, 8]]

@@ -13,8 +13,12 @@ import peer
 from hapticnet.node.loopback import Loopback
 from hapticnet.node.settings import SlaveSettings
 from hapticnet.node.slave import SlaveNode
+from hapticnet.protocol.handshake import SealedDoor
+from hapticnet.protocol.keys import Roster
 from hapticnet.protocol.messages import Code
+from hapticnet.protocol.wire import SEALED
 from hapticnet.samples import ForceSample
+from tests.peers import ENTRY, SLAVE
 
 VECTORS = peer.HERE.parents[1] / "tests" / "vectors"
 PROTOCOL = {each["name"]: each for each in json.loads((VECTORS / "protocol.json").read_text())["datagrams"]}
@@ -176,14 +180,17 @@ def test_a_force_that_is_not_finite_closes_the_session(lib):
 class Pair:
     """A master of hapticnet, once with a slave of hapticnet and once with one in C."""
 
-    def __init__(self, lib, network, codec="deadband", *, axes=1, master=in_python, **parameters):
-        rng = np.random.default_rng(8)
+    def __init__(
+        self, lib, network, codec="deadband", *, axes=1, master=in_python, key=None, masters=(ENTRY,), **parameters
+    ):
+        rng, drawn = np.random.default_rng(5), np.random.default_rng(8)
+        doors = None if key is None else {SEALED: SealedDoor(SLAVE.private, Roster(masters), rng)}
+        in_c = peer.Slave(lib, lambda: int(drawn.integers(0, 1 << 32)), Spring(axes), f"{axes} springs")
+        if key is not None:
+            assert in_c.seal(SLAVE.private, [(each.public, each.psk) for each in masters])
         self.felt, self.loops = [], []
-        for slave in (
-            SlaveNode(lambda _: Spring(axes), SlaveSettings(), np.random.default_rng(5)),
-            peer.Slave(lib, lambda: int(rng.integers(0, 1 << 32)), Spring(axes), f"{axes} springs"),
-        ):
-            node = master(codec, axes, 1000.0, 1, parameters)
+        for slave in (SlaveNode(lambda _: Spring(axes), SlaveSettings(), rng, doors=doors), in_c):
+            node = master(codec, axes, 1000.0, 1, parameters, key)
             forward, back = Watched(NETWORKS[network], 6), Watched(NETWORKS[network], 7)
             self.felt.append(Felt(node))
             self.loops.append(Loopback(node, slave, forward=forward, feedback=back, start_us=WRAP_US))
@@ -200,9 +207,9 @@ class Pair:
 
 
 def without_session(data):
-    """Return a datagram of the slave without what it draws: numbers of sessions, cookies and tickets."""
+    """Return a datagram of the slave without what it draws: numbers, cookies, tickets and keys."""
     version, kind, _, sequence, body = msgpack.unpackb(data)
-    return version, kind, sequence, len(body) if kind in (COOKIE, WELCOME) else body
+    return version, kind, sequence, len(body) if version == 2 or kind in (COOKIE, WELCOME) else body
 
 
 @pytest.mark.parametrize("network", NETWORKS)
