@@ -101,6 +101,7 @@ SILENT_M_S2: Final = 1e-3  # below this, a fade has ended
 ADOPTED_US: Final = 30_000  # a frame that is later than this costs itself; three in a row are waited for from then on
 SETTLED_US: Final = 200_000  # after this silence the wait becomes shorter, by part of what is too much
 SETTLED_PART: Final = 8
+SPARE_FRAMES: Final = 100  # if so many waited for longer than a frame, one is left out and the others wait less
 _SAMPLE_US: Final = 1e6 / RATE_HZ
 
 
@@ -120,6 +121,7 @@ class VibrationPlayer:
         self._wait_us = 0  # from the time of a frame until it is played
         self._heard_us = 0
         self._late_in_a_row = 0
+        self._spare_us: list[int] = []  # how much earlier than needed the newest frames came
         self._frame: list[float] = []  # the frame that is played
         self._at = 0  # its next sample
         self._end_us = 0  # when it ends, at the slave
@@ -155,6 +157,10 @@ class VibrationPlayer:
             self._wait_us = waits_us
         elif now_us - self._heard_us > SETTLED_US:
             self._wait_us += over_us // SETTLED_PART
+        self._spare_us.append(max(-over_us, 0))
+        if len(self._spare_us) == SPARE_FRAMES:
+            self._wait_us -= FRAME_US * (min(self._spare_us) > FRAME_US)
+            self._spare_us.clear()
         self._heard_us = now_us
         self._waiting.append((t_us, samples))
         self._waiting.sort()
@@ -177,7 +183,8 @@ class VibrationPlayer:
             made.append(self._next())
             self._due_us += _SAMPLE_US
         self.played_m_s2 = made
-        self._shaker.vibrate(made, float(RATE_HZ))
+        if made:  # two ticks may follow each other within a sample, after a late one
+            self._shaker.vibrate(made, float(RATE_HZ))
         if self.recording is not None:
             felt = getattr(self._shaker, "moved_m_s2", made)
             for at, played in enumerate(made):
@@ -190,6 +197,8 @@ class VibrationPlayer:
     def _next(self) -> float:
         """Return the next sample."""
         if self._at >= len(self._frame) and self._waiting:
+            while len(self._waiting) > 1 and self._waiting[1][0] + self._wait_us <= self._due_us:
+                del self._waiting[0]  # the wait has become shorter
             t_us, samples = self._waiting[0]
             if t_us + self._wait_us <= self._due_us + 0.5 * _SAMPLE_US:
                 del self._waiting[0]

@@ -58,6 +58,7 @@ class Kept:
 
     def vibrate(self, samples, rate_hz):
         assert rate_hz == RATE_HZ
+        assert samples
         self.samples += samples
 
 
@@ -245,6 +246,27 @@ def test_garbage_is_counted_and_the_session_goes_on():
     node.drive(300 * MS)
     assert node.held_n == pytest.approx((1.0,), abs=0.2) or node.received_n == (1.0,)
     assert not node.finished
+
+
+def test_a_long_texture_does_not_wait_for_ever_for_frames_that_were_once_late():
+    late = dict.fromkeys(range(20, 23), 25 * MS)
+    samples, player = play(range(450), until_us=4600 * MS, arrival_us=late)
+    assert player.report()["late"] == 0
+    assert 20.0 <= player.report()["wait_ms"] <= 35.0
+    whole = np.concatenate([frame(number)[0] for number in range(400, 440)])
+    begins = len(samples) - 50 * FRAME - 200
+    off = [np.abs(samples[begin : begin + len(whole)] - whole).max() for begin in range(begins - 400, begins + 400)]
+    assert min(off) < 1e-9, "later frames are whole"
+
+
+def test_ticks_closer_than_samples_ask_for_none_twice():
+    shaker = Kept()
+    player = VibrationPlayer(shaker, 0.1, record=True)
+    player.receive(0, frame(0)[1], None, 20 * MS)
+    for now_us in range(20 * MS, 60 * MS, 100):
+        player.drive(now_us, mute=False)
+    assert shaker.samples[3:FRAME] == pytest.approx(frame(0)[0][3:].tolist())
+    assert (np.diff(player.recording.table()["t_us"]) > 300.0).all()
 
 
 def test_a_flood_of_frames_is_not_read():
