@@ -337,3 +337,13 @@ def _broken(inner, half):
 
     names = [name for name in ("encode", "refresh", "decode", "reconstruct") if hasattr(inner, name)]
     return types.SimpleNamespace(**{name: broken if name == half else getattr(inner, name) for name in names})
+
+
+def test_a_slave_that_grants_few_positions_leaves_the_ticks_of_the_master_alone():
+    every, few = (hn.virtual_link(scene="paper:1", fastest_rate_hz=rate_hz) for rate_hz in (10_000.0, 50.0))
+    for link in (every, few):
+        link.run(seconds=2.0)
+    assert len(few.master_samples()["t_us"]) == len(every.master_samples()["t_us"]) == 2000
+    assert np.median(np.diff(few.slave_samples()["t_us"])) == 20_000
+    with pytest.raises(hn.SettingsError, match="fastest rate"):
+        hn.virtual_link(fastest_rate_hz=0.0)

@@ -17,7 +17,7 @@ from hapticnet.errors import SettingsError, UnavailableError
 from hapticnet.experiment.analysis import felt_error, felt_parts
 from hapticnet.measure.metrics import ErrorReport, FeltReport
 from hapticnet.node.loopback import Loopback, emulated
-from hapticnet.node.settings import MasterSettings, Positions
+from hapticnet.node.settings import MasterSettings, Positions, SlaveSettings
 from hapticnet.operator.base import HasSample, UserOperator
 from hapticnet.operator.scripted import scripted_hand
 from hapticnet.operator.yielding import is_hand, scripted_yielding
@@ -186,6 +186,7 @@ def virtual_link(
     forward: str = "perfect",
     feedback: str = "perfect",
     rate_hz: float = 1000.0,
+    fastest_rate_hz: float = 10_000.0,
     announced: bool = False,
     predicted: bool = False,
     vibration: bool = False,
@@ -215,7 +216,9 @@ def virtual_link(
         The network from master to slave and back: a preset (perfect, lan, wifi, 4g, transatlantic, satellite), parts
         such as ``"delay=20ms,loss=2%"``, or both, as in ``"wifi,loss=5%"``.
     rate_hz
-        Positions per second.
+        Ticks of the master per second. It sends a position in each.
+    fastest_rate_hz
+        Most positions per second that the slave grants. The master then sends fewer, and ticks as often.
     announced
         Whether the scene announces the contact ahead, and the master renders it without delay.
     predicted
@@ -279,4 +282,5 @@ def virtual_link(
         positions=positions,
         position_share=position_share,
     )
-    return VirtualLink(emulated(hand, touched, settings, **channels, seed=seed), chosen)
+    slave = SlaveSettings(record=True, fastest_rate_hz=fastest_rate_hz)
+    return VirtualLink(emulated(hand, touched, settings, **channels, seed=seed, slave=slave), chosen)

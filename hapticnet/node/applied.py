@@ -36,7 +36,8 @@ class _Stream:
         codec = with_share(codec, share) if share else codec
         self._needs_position = codec.needs_position
         # Between lines the slave steps where the hand may not be: what it judges there is bounded in any case.
-        self.decoder: Decoder = receiver(codec, axes, predicted=predicted and not share)
+        period_us = 0 if grant is None else round(1e6 / grant.rate_hz)
+        self.decoder: Decoder = receiver(codec, axes, predicted=predicted and not share, period_us=period_us)
         self.announced: AnnouncedDecoder | None = None
         if stiffest_n_per_m is not None:
             self.decoder = self.announced = AnnouncedDecoder(self.decoder, axes, stiffest_n_per_m, allowance)

@@ -374,16 +374,18 @@ class BoundedPredictingDecoder(BoundedDecoder):
         return self._limited(cast("Predictive", self.inner).predict(t_us, position, position_us))
 
 
-def receiver(codec: Codec, axes: int, *, predicted: bool = False) -> Decoder:
+def receiver(codec: Codec, axes: int, *, predicted: bool = False, period_us: int = 0) -> Decoder:
     """Return the decoder to apply: a bounded one if the codec follows the receiver's own position.
 
     `predicted`: whether the slave judges the force at the hand's expected position instead of its last one. It
-    expects no further than `LONGEST_AHEAD_US`.
+    expects no further than `LONGEST_AHEAD_US`, and answers hold until the next position, a `period_us` later.
     """
     if isinstance(codec, PartsCodec):
         each = zip(codec.codecs, codec.law.parts, strict=True)
-        return decoder_of_parts(codec.law, [receiver(own, part.axes, predicted=predicted) for own, part in each])
+        return decoder_of_parts(
+            codec.law, [receiver(own, part.axes, predicted=predicted, period_us=period_us) for own, part in each]
+        )
     if not codec.needs_position:
         return codec.decoder(axes)
     bounded = BoundedPredictingDecoder if isinstance(codec.decoder(axes), Predictive) else BoundedDecoder
-    return bounded(codec, axes, LONGEST_AHEAD_US) if predicted else bounded(codec, axes)
+    return bounded(codec, axes, LONGEST_AHEAD_US + period_us) if predicted else bounded(codec, axes)

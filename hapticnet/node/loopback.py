@@ -101,6 +101,7 @@ def emulated(
     forward: ChannelSettings,
     feedback: ChannelSettings,
     seed: int,
+    slave: SlaveSettings | None = None,
 ) -> Loopback:
     """Join a master without a device and a slave that records by emulated channels; the same seed, the same run."""
     to_master, to_slave = (
@@ -109,7 +110,7 @@ def emulated(
     )
     return Loopback(
         MasterNode(hand, None, settings, np.random.default_rng([seed, 4])),
-        SlaveNode(lambda _: touched, SlaveSettings(record=True), np.random.default_rng([seed, 5])),
+        SlaveNode(lambda _: touched, slave or SlaveSettings(record=True), np.random.default_rng([seed, 5])),
         forward=to_slave,
         feedback=to_master,
     )

@@ -137,11 +137,13 @@ def test_only_codecs_that_follow_positions_are_bounded(name):
         decoder.decode(0, b"\xff" * 200)
 
 
-def test_where_the_hand_is_predicted_only_answers_that_are_older_than_that_are_bounded():
-    decoder, plain = receiver(MOTION, 1, predicted=True), MOTION.decoder(1)
+@pytest.mark.parametrize("period_us", [0, 15_000])
+def test_where_the_hand_is_predicted_only_answers_that_are_older_than_that_are_bounded(period_us):
+    decoder, plain = receiver(MOTION, 1, predicted=True, period_us=period_us), MOTION.decoder(1)
     for each in (decoder, plain):
         each.reconstruct(0, (0.0,), 0)
         each.decode(0, coupled(0.0, 5_000.0, 0.0))
-    for late_us in (LONGEST_AHEAD_US, LONGEST_AHEAD_US + 1):
+    latest_us = LONGEST_AHEAD_US + period_us  # the answer to the next position comes a period later
+    for late_us in (latest_us, latest_us + 1):
         forces = [each.reconstruct(0, (0.01,), late_us)[0] for each in (decoder, plain)]
-        assert forces == ([50.0, 50.0] if late_us == LONGEST_AHEAD_US else [MARGIN_N, 50.0])
+        assert forces == ([50.0, 50.0] if late_us == latest_us else [MARGIN_N, 50.0])

@@ -10,6 +10,7 @@ from typing import Any, Final, NamedTuple, NoReturn, Self
 import mujoco
 import numpy as np
 
+from hapticnet.arrays import FloatArray
 from hapticnet.checks import axes_of, check_parameter
 from hapticnet.errors import SampleError, SettingsError, UserCodeError
 from hapticnet.samples import PositionSample, Vector
@@ -124,12 +125,7 @@ class Coupled:
         move counts as ten times as heavy as the lightest of its group. SettingsError if the steps are too long.
         """
         model, data = self._model, self._now.data
-        moments = np.zeros((model.nu, model.nv))
-        mujoco.mju_sparse2dense(
-            moments, data.actuator_moment.reshape(-1), data.moment_rownnz, data.moment_rowadr,
-            data.moment_colind.reshape(-1),
-        )  # fmt: skip
-        rows = np.ascontiguousarray(moments[-self.axes :])
+        rows = self._moments()
         moved = np.zeros_like(rows)
         mujoco.mj_solveM(model, data, moved, rows)
         per_mass = (rows * moved).sum(axis=1)
@@ -151,6 +147,16 @@ class Coupled:
             lead_s += (damping / stiffness).tolist()
             first += axes
         return lead_s
+
+    def _moments(self) -> FloatArray:
+        """Return how each degree of freedom moves each axis of the coupling."""
+        model, data = self._model, self._now.data
+        moments = np.zeros((model.nu, model.nv))
+        mujoco.mju_sparse2dense(
+            moments, data.actuator_moment.reshape(-1), data.moment_rownnz, data.moment_rowadr,
+            data.moment_colind.reshape(-1),
+        )  # fmt: skip
+        return np.ascontiguousarray(moments[-self.axes :])
 
     def _begin(self, goal: Sequence[float], fastest: Sequence[float]) -> None:
         hurried = copy(self._model)
