@@ -5,7 +5,7 @@ from collections.abc import Iterable, Sequence
 from copy import copy
 from itertools import accumulate
 from pathlib import Path
-from typing import Any, Final, NamedTuple, NoReturn, Self
+from typing import Any, ClassVar, Final, NamedTuple, NoReturn, Self
 
 import mujoco
 import numpy as np
@@ -101,6 +101,8 @@ class Coupled:
     """
 
     _looks: Looks
+
+    _bends: ClassVar = False  # True for heavy tools, whose damping errs by newtons at a wrong speed
 
     def __init__(self, own: Unchanged, axes: int) -> None:
         for each in list(own.spec.keys):  # they fit the joints and actuators of the file
@@ -228,13 +230,15 @@ class Coupled:
     def _path(self, steps: int, means: list[float]) -> Iterable[tuple[int, list[float], list[float]]]:
         """Return for each step how many timesteps it is long, and the speeds of the goal in it and at its end.
 
-        A copy looks far ahead in a few steps, in which the goal speeds up or slows down evenly from the speed that it
-        has. In later moves it keeps the speed that it has reached.
+        A copy makes longer steps. If the goal `bends`, it speeds up or slows down evenly in the first long move of a
+        copy, from the speed that it has, and keeps the speed that it has reached in later moves.
         """
         before, self._speeds = self._speeds, means
         if not self._is_copy or (steps < STRIDE and not self._is_ahead):
             return ((1, means, means),) * steps
         lengths = (STRIDE,) * (steps // STRIDE) + (1,) * (steps % STRIDE)
+        if not self._bends:
+            return [(length, means, means) for length in lengths]
         if self._is_ahead:
             self._speeds = before
             return [(length, means, before) for length in lengths]

@@ -55,6 +55,8 @@ class Pose(Coupled):
     Raises SettingsError if the model or an option cannot be used.
     """
 
+    _bends = True
+
     def __init__(
         self,
         model: str,
