@@ -25,7 +25,7 @@ def test_lerobots_own_loop_records_what_the_hand_feels(tmp_path, beside, monkeyp
     arguments = [
         "lerobot-record", "--robot.type=hapticnet", f"--robot.address={slave.address}", "--robot.units_per_m=1000",
         "--teleop.type=hapticnet", f"--teleop.address={slave.address}", "--teleop.units_per_m=1000",
-        f"--teleop.hand={__name__}:made_hand:to=0.02", "--dataset.repo_id=me/felt", f"--dataset.root={tmp_path}/set",
+        "--teleop.hand=plugin_helpers:made_hand:to=0.02", "--dataset.repo_id=me/felt", f"--dataset.root={tmp_path}/set",
         "--dataset.single_task=press", "--dataset.num_episodes=1", "--dataset.episode_time_s=2",
         "--dataset.push_to_hub=false", "--dataset.video=false", "--play_sounds=false",
     ]  # fmt: skip
