@@ -164,7 +164,9 @@ class VibrationPlayer:
         self._heard_us = now_us
         self._waiting.append((t_us, samples))
         self._waiting.sort()
-        del self._waiting[:-MOST_WAITING]
+        if len(self._waiting) > MOST_WAITING:  # otherwise every frame would be left out before its turn
+            del self._waiting[0]
+            self._wait_us -= FRAME_US
         self.frames += 1
 
     def drive(self, now_us: int, *, mute: bool) -> None:

@@ -85,8 +85,16 @@ class UserOperator:
 
     @property
     def clutched(self) -> bool:
-        """Whether the object lifts the clutch (`operator.mapping`); AttributeError if it has none."""
-        return bool(self.hand.clutched)  # type: ignore[attr-defined]
+        """Whether the object lifts the clutch (`operator.mapping`).
+
+        Raise AttributeError if it has none, and UserCodeError if the object raises.
+        """
+        try:
+            return bool(self.hand.clutched)  # type: ignore[attr-defined]
+        except AttributeError:
+            raise
+        except BaseException as error:
+            raise failure(f"{type(self.hand).__name__}.clutched", error) from error
 
     def sample(self, t_us: int) -> PositionSample:
         """Return the position at a time [µs]; UserCodeError if the object raises, or returns an invalid position."""

@@ -4,6 +4,7 @@ import math
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, Final
 
+from hapticnet.capabilities import LARGEST
 from hapticnet.checks import check_parameter
 from hapticnet.errors import SettingsError
 from hapticnet.operator.base import Operator
@@ -111,7 +112,9 @@ class Mapped:
         force_scale = mapping.force_scale
         # What the device in the hand can do, in newtons of the scene
         self.capabilities: Capabilities | None = moved and replace(
-            moved, max_force_n=moved.max_force_n / force_scale, slew_n_per_s=moved.slew_n_per_s / force_scale
+            moved,
+            max_force_n=_declared(moved.max_force_n / force_scale, "max_force_n"),
+            slew_n_per_s=_declared(moved.slew_n_per_s / force_scale, "slew_n_per_s"),
         )
 
     @property
@@ -178,6 +181,11 @@ def mapped(operator: Operator, mapping: Mapping) -> Operator:
     if mapping == Mapping() and not hasattr(operator, "clutched"):
         return operator
     return Mapped(operator, mapping)
+
+
+def _declared(value: float, name: str) -> float:
+    """Return a limit of a device in units of the scene; the largest one that a device may declare, if it is larger."""
+    return value if value == math.inf else min(value, LARGEST[name][0])
 
 
 def _turned(rows: tuple[Vector, ...] | None, vector: Vector) -> Vector:

@@ -17,7 +17,7 @@ from hapticnet.samples import MAX_AXES, PositionSample, Vector
 DECAY_US: Final = 20_000  # time [µs] from the deadline in which the force decays to zero: an assumption
 RISE_US: Final = 100_000  # time [µs] in which it rises again once answers are in time: an assumption
 MOST_UNANSWERED: Final = 4096  # most unanswered positions that are remembered; the oldest of them count
-LINES_EVERY_US: Final = 10_000_000  # shortest time [µs] between two equal lines
+LINES_EVERY_US: Final = 10_000_000  # shortest time [µs] between two lines about the same
 FORMS: Final = {"json": JSON_OBJECT, "msgpack": MAP}
 KEYS: Final = ("axes", "deadline", "form")
 
@@ -91,7 +91,7 @@ class RemoteScene:
             t_us = self._answered_by(found.get("t_us"))
         except PeerError as error:
             self.malformed += 1
-            self._tell(f"the scene at {self.place} sent what is not a force: {error}", now_us)
+            self._tell("malformed", f"sent what is not a force: {error}", now_us)
             return
         self.answers += 1
         if self._answered_us is not None and t_us < self._answered_us:
@@ -111,7 +111,7 @@ class RemoteScene:
             self._lapsed = most < 1.0
             self.lapses += self._lapsed
             late = f"does not answer within {self._deadline_us / 1e3:g} ms; the force decays to zero"
-            self._tell(f"the scene at {self.place} {late if self._lapsed else 'answers again'}", now_us)
+            self._tell(f"lapsed {self._lapsed}", late if self._lapsed else "answers again", now_us)
         if self._share == 1.0:
             return self._force_n
         self.decayed += 1
@@ -134,7 +134,8 @@ class RemoteScene:
             raise PeerError(f"t_us is {str(t_us)[:30]}; it must be that of a position, or left out")
         return t_us
 
-    def _tell(self, line: str, now_us: int) -> None:
-        if now_us - self._told_us.get(line, -LINES_EVERY_US) >= LINES_EVERY_US:
-            self._told_us[line] = now_us
-            self._lines.append(line)
+    def _tell(self, about: str, line: str, now_us: int) -> None:
+        """Tell a person a line, unless there was one about the same lately, whatever that said."""
+        if now_us - self._told_us.get(about, -LINES_EVERY_US) >= LINES_EVERY_US:
+            self._told_us[about] = now_us
+            self._lines.append(f"the scene at {self.place} {line}")

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 import hapticnet as hn
 from hapticnet.capabilities import Capabilities
-from hapticnet.errors import SettingsError
+from hapticnet.errors import SettingsError, UnavailableError, UserCodeError
 from hapticnet.operator.base import UserOperator
 from hapticnet.operator.mapping import FADE_US, RISE_US, Mapped, Mapping, mapped
 from hapticnet.operator.remote import RemoteOperator
@@ -134,6 +134,9 @@ def test_a_device_in_the_hand_has_its_limits_in_newtons_of_the_scene():
         "1 mm of the hand is 2 mm of the tool and 1 N of the scene 0.5 N in the hand, so that stiffness is true"
     )
     assert not hasattr(Mapped(Hand(0.0), Mapping(scale=3.0)), "applied_n")
+    hand.capabilities = Capabilities(max_force_n=20.0, grounded=True)
+    weak = Mapped(hand, Mapping(force_scale=0.001))
+    assert weak.capabilities == Capabilities(max_force_n=1e4, grounded=True), "the most that a device may declare"
 
 
 def test_without_mapping_and_clutch_the_operator_is_itself():
@@ -141,6 +144,29 @@ def test_without_mapping_and_clutch_the_operator_is_itself():
     assert mapped(plain, Mapping()) is plain
     with_clutch = UserOperator(SimpleNamespace(sample=lambda _: 0.0, clutched=True))
     assert isinstance(mapped(with_clutch, Mapping()), Mapped)
+
+
+def test_a_clutch_that_raises_is_blamed_on_the_hand_and_ends_the_session():
+    class Broken:
+        faulty = True
+
+        @property
+        def clutched(self):
+            if self.faulty:
+                raise ValueError("no button")
+            return False
+
+        def sample(self, _):
+            return 0.0
+
+    hand = Broken()
+    with pytest.raises(UserCodeError, match=r"Broken.clutched raised ValueError.*no button"):
+        hn.virtual_link(scene=Spring(), operator=hand)
+    hand.faulty = False
+    link = hn.virtual_link(scene=Spring(), operator=hand)
+    hand.faulty = True
+    with pytest.raises(UnavailableError, match=r"Broken.clutched raised ValueError.*no button"):
+        link.run(seconds=0.1)
 
 
 def test_a_program_opens_the_clutch_by_udp():

@@ -129,14 +129,23 @@ def test_what_is_not_an_answer_is_counted_and_changes_nothing(data, message):
     scene.receive(b"[5.0]", 0)  # before any question
     scene.ask(PositionSample(1000, (0.0,)), 1000)
     scene.receive(b"[1.0]", 1100)
-    for now_us in (1200, 1300, 1200 + LINES_EVERY_US):
+    later_us = LINES_EVERY_US
+    for now_us in (later_us, 100 + later_us, 2 * later_us):
         scene.receive(data, now_us)
-    assert scene.force_n(1400) == (1.0,)
+    assert scene.force_n(2 * later_us) == (1.0,)
     assert scene.malformed == 4
     first, second, again = iter(scene.next_line, None)
     assert first.startswith("the scene at there:1 sent what is not a force: t_us is None")
     assert second == again
     assert re.search(message, second)
+
+
+def test_a_flood_of_different_garbage_makes_one_line():
+    scene = RemoteScene(RemoteSettings(), "there:1")
+    for number in range(1000):
+        scene.receive(f"[{2_000_000 + number}]".encode(), 1000 * number)
+    assert scene.malformed == 1000
+    assert len(list(iter(scene.next_line, None))) == len(scene._told_us) == 1
 
 
 def test_random_datagrams_never_raise_and_memory_is_bounded():
