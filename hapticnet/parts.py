@@ -6,7 +6,7 @@ common norm, so each part is compared with its own threshold: two stimuli differ
 
 On every axis a stimulus is positive where it resists an increase of its position, so that their product is the work of
 the hand [J]; a grip that opens the fingers is negative. An orientation is a rotation vector [rad] in the scene's frame.
-It is continuous: of the equal ones, the nearest to the last, so its norm may exceed π.
+It is continuous: of the vectors for one orientation it is the nearest to the last, so its norm may exceed π.
 """
 
 import math
@@ -38,7 +38,7 @@ class Kind(NamedTuple):
 
 
 LEVER_M: Final = 0.1
-"""A rotation is compared with movements as that of a point at this distance [m]: the length of a hand-held tool."""
+"""A rotation counts as the movement of a point at this distance [m]: the length of a hand-held tool."""
 
 KINDS: Final[Mapping[str, Kind]] = {
     "force": Kind("position", "m", "force", "n", PAPER_WEBER_FRACTION, PAPER_FLOOR_N, 1.0),
@@ -54,7 +54,7 @@ _FORM: Final = re.compile(r"([a-z]+):([1-9])(?:@([a-z][a-z0-9-]{0,15}))?")
 
 
 class Part(NamedTuple):
-    """One part of a vector, written ``KIND:AXES`` or, one of several of a kind, ``KIND:AXES@NAME``."""
+    """One part of a vector, written ``KIND:AXES``, or ``KIND:AXES@NAME`` where there are several of a kind."""
 
     kind: str
     axes: int
@@ -114,7 +114,7 @@ def total_axes(parts: Sequence[Part]) -> int:
 
 
 def force_axes(axes: int, parts: Sequence[Part]) -> int:
-    """Return how many axes of a stimulus come first and are a force; 0 if its first part is another quantity."""
+    """Return the number of axes of the force that a stimulus begins with; 0 if its first part is another quantity."""
     return axes if not parts else parts[0].axes if parts[0].kind == "force" else 0
 
 

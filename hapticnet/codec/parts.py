@@ -1,9 +1,8 @@
 """A codec of several parts: one codec of the same name for each, with the threshold of that part.
 
-A stimulus is sent as soon as one part is to be sent, and then whole. So an update carries the whole stimulus, as it
-does without parts, and every later one repairs a loss. The parts that come along cost bytes but no packets, and begin
-new dead zones. Payload: the parts' payloads in order, each but the last after a byte with its length
-(docs/refer/payloads.md).
+A stimulus is sent whole as soon as one part is to be sent. So an update carries the whole stimulus, as it does without
+parts, and every later one repairs a loss. The other parts cost bytes but no packets, and their dead zones start again.
+Payload: the parts' payloads in order, each but the last after a byte with its length (docs/refer/payloads.md).
 """
 
 from collections.abc import Sequence
@@ -30,7 +29,7 @@ class PartsCodec:
         self.__dataclass_fields__: Any = codecs[0].__dataclass_fields__
 
     def __getattr__(self, parameter: str) -> Any:
-        if parameter == "codecs":  # it is not made yet
+        if parameter == "codecs":  # before __init__, when the object is copied or unpickled
             raise AttributeError(parameter)
         return getattr(self.codecs[0], parameter)
 

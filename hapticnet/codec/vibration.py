@@ -1,14 +1,14 @@
 """Vibration beside force: frames of the acceleration of one axis, quantised by what a hand can feel.
 
-A frame is transformed by an orthonormal DCT-II without overlap. It decodes alone, waits for nothing but its own end,
-and its error is within half a quantiser step in every coefficient. Long blocks, wavelets or overlapping transforms save
+A frame is transformed by an orthonormal DCT-II without overlap. It decodes alone, can be sent as soon as it ends, and
+its error is within half a quantiser step in every coefficient. Long blocks, wavelets or overlapping transforms save
 bytes on long texture, but arrive later, and a lost one costs its neighbours too.
 
 **Sensitivity.** The weakest amplitude that is felt, as an acceleration, is constant up to 250 Hz and rises by 24 dB per
 octave above. G. A. Gescheider and R. T. Verrillo, "Vibrotactile frequency characteristics as determined by adaptation
 and masking procedures", 1979: as a displacement, the threshold of the palm is flat up to 40 Hz, then falls by 12 dB per
 octave to its least at about 250 Hz. From 40 Hz on that is a constant acceleration; below, where the held force acts, it
-is left so. VC-PWQ, the tactile codec of IEEE 1918.1.1 (A. Noll, B. Gülecyüz, A. Hofmann and E. Steinbach, "A
+is kept constant. VC-PWQ, the tactile codec of IEEE 1918.1.1 (A. Noll, B. Gülecyüz, A. Hofmann and E. Steinbach, "A
 rate-scalable perceptual wavelet-based vibrotactile codec", 2020), has the threshold 62·(lg(f/550 + 6/11) / lg(6/11))² -
 77 dB. From 250 to 500 Hz it rises by 23.7 dB, as this one. Below, it rises as a displacement does, and this codec gets
 accelerations; at 1 kHz it would let nothing pass.

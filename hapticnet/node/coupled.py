@@ -23,7 +23,7 @@ from hapticnet.vectors import magnitude, over, times
 if TYPE_CHECKING:
     from hapticnet.capabilities import Capabilities
 
-HELD_BACK_EVERY_US: Final = 5_000_000  # after this time [µs] without it, a force that is held back is told again
+HELD_BACK_EVERY_US: Final = 5_000_000  # a force that is held back is reported again after so long without one [µs]
 
 
 class CouplingFailedError(HapticnetError):
@@ -42,7 +42,7 @@ def catching() -> Iterator[None]:
 
 
 def ports_of_parts(port: Port, law: PartsLaw) -> list[Port]:
-    """Return the port of each part. The force limit of the device is that of each force; others have none.
+    """Return the port of each part. Each force has the force limit of the device; torque and grip have none.
 
     A torque acts as the force at `LEVER_M` with the same work, because dampings and stiffnesses are those of movements.
     """
@@ -65,7 +65,7 @@ def _part_of(applied_n: Callable[[], Vector], each: slice, lever: float) -> Vect
 
 
 class PartsEnd:
-    """An end for each part. Each is passive at its own port, and so they are together. Satisfies `MasterEnd`."""
+    """An end for each part. Each is passive at its own port, so all together are. Satisfies `MasterEnd`."""
 
     def __init__(self, law: PartsLaw, ends: Sequence[MasterEnd]) -> None:
         levers = [KINDS[part.kind].m_per_unit for part in law.parts]
@@ -74,7 +74,7 @@ class PartsEnd:
         self.held_back = 0
 
     def set_law(self, law: PartsLaw) -> None:
-        """Tell the ends a new law."""
+        """Set the law of every end."""
         for (_, lever, end), own in zip(self._ends, law.laws, strict=True):
             if isinstance(end, EnergyBound):
                 end.law = replace(own, floor_n=own.floor_n / lever)
