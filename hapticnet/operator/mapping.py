@@ -9,6 +9,7 @@ from hapticnet.checks import check_parameter
 from hapticnet.errors import SettingsError
 from hapticnet.operator.base import Operator
 from hapticnet.perception import WeberLaw
+from hapticnet.rotations import matrix_of
 from hapticnet.samples import PositionSample, Vector
 
 if TYPE_CHECKING:
@@ -67,17 +68,11 @@ class Mapping:
                 f"frame has {len(angles)} angles and the tool {axes} axes; give 3 angles, a rotation vector, on 3 axes,"
                 " or 1 on 2 axes"
             )
-        turn = math.radians(math.hypot(*angles) if axes == 3 else angles[0])
+        if axes == 3:
+            return matrix_of(tuple([math.radians(each) for each in angles]))
+        turn = math.radians(angles[0])
         c, s = math.cos(turn), math.sin(turn)
-        if axes == 2:
-            return (c, -s), (s, c)
-        x, y, z = [math.radians(each) / turn for each in angles]  # Rodrigues' formula
-        t = 1.0 - c
-        return (
-            (t * x * x + c, t * x * y - s * z, t * x * z + s * y),
-            (t * x * y + s * z, t * y * y + c, t * y * z - s * x),
-            (t * x * z - s * y, t * y * z + s * x, t * z * z + c),
-        )
+        return (c, -s), (s, c)
 
 
 class Mapped:

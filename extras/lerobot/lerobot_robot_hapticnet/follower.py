@@ -15,9 +15,9 @@ from lerobot.robots import Robot, RobotConfig, make_robot_from_config
 
 from hapticnet.checks import check_parameter
 from hapticnet.errors import HapticnetError, SettingsError, UnavailableError
+from hapticnet.rotations import inverse, product, quaternion_of, toward, vector_near
 from hapticnet.samples import PositionSample
 from lerobot_robot_hapticnet.config import Joints
-from lerobot_robot_hapticnet.turns import composed, difference
 
 LOG: Final = logging.getLogger("hapticnet")
 FRESH_S: Final = 0.1  # age of the robot's last observation from which the force decays; it is zero at twice this age
@@ -158,10 +158,10 @@ class Follower:
                 lacks = robot[axis] + hand[axis] - began[axis] - goal[axis]
                 goal[axis] += min(max(lacks, -speed * passed_s), speed * passed_s)
         if turned.start:
-            wanted = composed(difference(hand[turned], began[turned]), robot[turned])
-            lacking = difference(wanted, goal[turned])
-            share = min(self._speed[turned.start] * passed_s / (math.hypot(*lacking) or math.inf), 1.0)
-            goal[turned] = composed([share * each for each in lacking], goal[turned], goal[turned])
+            now, start, home, last = [quaternion_of(tuple(each[turned])) for each in (hand, began, robot, goal)]
+            wanted = product(product(now, inverse(start)), home)
+            reached = toward(last, wanted, self._speed[turned.start] * passed_s)
+            goal[turned] = vector_near(reached, tuple(goal[turned]))
 
     def cycle(self) -> None:
         """Send the goal to the robot and read its force. If positions stopped coming, its goal is where it is."""
@@ -193,7 +193,8 @@ class Follower:
         """Return how far the robot is from its goal."""
         errors = [to - each for to, each in zip(goal, at, strict=True)]
         if self._turn_at.start:
-            errors[self._turn_at] = difference(goal[self._turn_at], at[self._turn_at])
+            to, reached = [quaternion_of(tuple(each[self._turn_at])) for each in (goal, at)]
+            errors[self._turn_at] = vector_near(product(to, inverse(reached)))
         return errors
 
     def close(self) -> None:

@@ -24,9 +24,9 @@ from hapticnet.errors import HapticnetError, SettingsError
 from hapticnet.operator.base import operator_parts
 from hapticnet.parts import LEVER_M, written
 from hapticnet.protocol.states import LinkRecovered, LinkStale, SessionLost
+from hapticnet.rotations import quaternion_of, vector_near
 from hapticnet.runtime.system import now_us
 from lerobot_robot_hapticnet.config import Joints, Session
-from lerobot_robot_hapticnet.turns import NO_TURN, composed
 
 if TYPE_CHECKING:
     from hapticnet.cli.operators import Hand
@@ -75,7 +75,7 @@ class Tool:
         now_s = time.monotonic()
         turned = self._turn_at
         if position[turned]:  # the nearest of the equal rotation vectors
-            near = composed(position[turned], NO_TURN, self.at[turned])
+            near = vector_near(quaternion_of(position[turned]), self.at[turned])
             position = *position[: turned.start], *near, *position[turned.stop :]
         far_m = max(lever * abs(to - at) for lever, to, at in zip(self._levers_m, position, self.at, strict=True))
         self._span_s = max(min(now_s - self._told_s, LONGEST_RAMP_S), 1e-3, far_m / FASTEST_M_PER_S)

@@ -1,6 +1,5 @@
 import math
 
-import numpy as np
 import pytest
 from plugin_helpers import AT_REST, Clock, follower, play, remote, simulated, teleoperator, until
 from scipy.spatial.transform import Rotation
@@ -10,7 +9,6 @@ from hapticnet.errors import SettingsError
 from lerobot_robot_hapticnet import Follower
 from lerobot_robot_hapticnet.config import Joints
 from lerobot_robot_hapticnet.link import Tool
-from lerobot_robot_hapticnet.turns import composed
 
 NAMES = {"joints": "x+y+z", "turns": "wx+wy+wz", "gripper": "gripper"}
 ALL = NAMES | {"gripper_units_per_m": 1000.0}
@@ -111,16 +109,6 @@ def test_names_that_cannot_be_used_are_said_at_once(options, said):
 
 
 # The tool of actions
-
-
-def test_two_rotations_one_after_the_other_are_those_of_scipy():
-    rng = np.random.default_rng(1)
-    for _ in range(100):
-        second, first, near = rng.normal(size=3), rng.normal(size=3), 3.0 * rng.normal(size=3)
-        made = composed(second, first, near)
-        assert is_rotation(made, Rotation.from_rotvec(second) * Rotation.from_rotvec(first))
-        (axis,) = [np.array(made) / math.hypot(*made)]
-        assert abs(np.dot(made - near, axis)) <= math.pi + 1e-9  # no other one is nearer
 
 
 def test_an_orientation_of_an_action_never_goes_the_long_way():

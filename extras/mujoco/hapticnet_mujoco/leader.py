@@ -7,9 +7,9 @@ import numpy as np
 
 from hapticnet.errors import SettingsError
 from hapticnet.operator.base import Operator
+from hapticnet.rotations import inverse, product, rotated, vector_near
 from hapticnet.samples import PositionSample, Vector
-from hapticnet_mujoco.pose import Pose
-from hapticnet_mujoco.rotations import Triple, inverse, product, rotated, vector_of
+from hapticnet_mujoco.pose import Pose, scalar_last
 from hapticnet_mujoco.tasks import Task
 
 HAND_N_PER_M: Final = 500.0  # of an arm that is tensed, as `hapticnet.operator.yielding` has it
@@ -74,9 +74,8 @@ class Leader(Pose):
         self.step(PositionSample(t_us, self._intended.sample(t_us).position_m))
         data, quat = self._now.data, np.empty(4)
         mujoco.mju_mat2Quat(quat, data.site_xmat[self._point])
-        w, x, y, z = quat.tolist()
         back = inverse(self._frame)
-        at: Triple = tuple((data.site_xpos[self._point] - self._at_rest_m).tolist())
-        turned = vector_of(product((w, x, y, z), inverse(self._turn_at_rest)))
+        at: Vector = tuple((data.site_xpos[self._point] - self._at_rest_m).tolist())
+        turned = vector_near(product(scalar_last(quat), inverse(self._turn_at_rest)))
         opening = data.actuator_length[-1:].tolist() if self.axes > 6 else []
         return PositionSample(t_us, (*rotated(at, back), *rotated(turned, back), *opening))

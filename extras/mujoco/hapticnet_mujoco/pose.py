@@ -9,11 +9,11 @@ import numpy as np
 from hapticnet.arrays import FloatArray
 from hapticnet.checks import check_parameter
 from hapticnet.errors import SettingsError
+from hapticnet.rotations import NO_TURN, Quaternion, inverse, product, quaternion_of, rotated, vector_near
 from hapticnet.samples import Vector
 from hapticnet_mujoco.looks import Looks
 from hapticnet_mujoco.model import PREFIX, couple_pose, float_freely
 from hapticnet_mujoco.physics import FORCES, Coupled, Gains, Physics, Unchanged
-from hapticnet_mujoco.rotations import NO_TURN, Quaternion, Triple, inverse, product, rotated, turned_by, vector_of
 
 FASTEST_M_PER_S: Final = 1.0
 FASTEST_RAD_PER_S: Final = 10.0
@@ -81,19 +81,18 @@ class Pose(Coupled):
         self.parts = ("force:3", "torque:3", "grip:1") if grip else ("force:3", "torque:3")
         point = _point_of(own, str(point))
         opens = _opening_of(own, str(grip)) if grip else None
-        self._frame = NO_TURN
+        self._frame: Quaternion = NO_TURN
         if frame:
             quat = np.empty(4)
             mujoco.mju_mat2Quat(quat, own.data.site_xmat[own.fixed_site(str(frame))])
-            w, x, y, z = quat.tolist()
-            self._frame = w, x, y, z
+            self._frame = scalar_last(quat)
         if own.moves_freely:
             float_freely(own.spec, own.body)
         at_m, turn = _pose_of(own, point)
         couple_pose(own.spec, point, at_m, turn, opens)
         super().__init__(own, sum(each.axes for each in gains))
-        self._at_rest_m: Triple = tuple(at_m.tolist())
-        self._turn_at_rest: Quaternion = tuple(turn.tolist())
+        self._at_rest_m: Vector = tuple(at_m.tolist())
+        self._turn_at_rest = scalar_last(turn)
         self._turn = self._turn_at_rest
         self._lead_s = self._damp(gains)
         self._of_contact, self._point = force == "contact", self._model.site(point).id
@@ -106,9 +105,9 @@ class Pose(Coupled):
     def _pull(self, now: Physics, goal: Sequence[float], speeds: Sequence[float], move_s: float) -> None:
         x, y, z, rx, ry, rz, *opening = goal
         vx, vy, vz, _, _, _, *opens = speeds
-        before, turn = self._turn, turned_by(rx, ry, rz)
-        moved_m: Triple = (x, y, z)
-        speed: Triple = (vx, vy, vz)
+        before, turn = self._turn, quaternion_of((rx, ry, rz))
+        moved_m: Vector = (x, y, z)
+        speed: Vector = (vx, vy, vz)
         if self._frame != NO_TURN:
             moved_m, speed = rotated(moved_m, self._frame), rotated(speed, self._frame)
             turn = product(product(self._frame, turn), inverse(self._frame))
@@ -116,10 +115,10 @@ class Pose(Coupled):
         a, b, c = moved_m
         at_x, at_y, at_z = self._at_rest_m
         now.hand_m[:] = at_x + a, at_y + b, at_z + c
-        now.hand_quat[:] = turn
+        now.hand_quat[:] = turn[3], *turn[:3]
         # Speeds in the axes of the hand, in which the actuators pull
         back = inverse(turn)
-        moving = *rotated(speed, back), *[each / move_s for each in vector_of(product(inverse(before), turn))], *opens
+        moving = *rotated(speed, back), *[each / move_s for each in vector_near(product(inverse(before), turn))], *opens
         ctrl = [lead_s * each for lead_s, each in zip(self._lead_s, moving, strict=True)]
         if opening:
             ctrl[6] += opening[0]
@@ -139,6 +138,12 @@ class Pose(Coupled):
         torque = d + y * c - z * b, e + z * a - x * c, f + x * b - y * a
         back = inverse(self._frame)
         return *rotated((a, b, c), back), *rotated(torque, back)
+
+
+def scalar_last(quat: FloatArray) -> Quaternion:
+    """Return a quaternion of MuJoCo as one of `hapticnet.rotations`."""
+    w, x, y, z = quat.tolist()
+    return x, y, z, w
 
 
 def _point_of(own: Unchanged, name: str) -> str:

@@ -1,4 +1,3 @@
-import itertools
 import math
 import statistics
 import time
@@ -9,7 +8,6 @@ import pytest
 import hapticnet as hn
 from hapticnet.errors import SampleError, SettingsError, UserCodeError
 from hapticnet_mujoco import Pose, Task
-from hapticnet_mujoco.rotations import inverse, product, rotated, turned_by, vector_of
 
 BENCHES = ["workbench", "armbench"]
 HANDLE_M, SQUEEZE_M = 0.014, 0.006
@@ -227,16 +225,6 @@ def test_a_task_depends_on_time_and_seed_only_and_never_jumps():
     assert steady[1].tolist() == pytest.approx([-0.15, 0.1, -0.055, 0.0, 0.0, 0.0, 0.006], abs=1e-9)
     with pytest.raises(SettingsError, match="task is 'door'; it must be some of drawer, screw, pad"):
         Task("door")
-
-
-def test_rotations_agree_with_each_other():
-    turns = [(0.3, -0.2, 0.9), (0.0, 0.0, 0.0), (1e-7, 0.0, 0.0), (0.0, 2.0, 2.0)]
-    for one, other in itertools.product(turns, turns):
-        a, b = turned_by(*one), turned_by(*other)
-        assert vector_of(a) == pytest.approx(one)
-        both = rotated(rotated((1.0, 2.0, 3.0), b), a)
-        assert rotated((1.0, 2.0, 3.0), product(a, b)) == pytest.approx(both)
-        assert rotated(both, inverse(product(a, b))) == pytest.approx((1.0, 2.0, 3.0))
 
 
 def test_a_bench_says_how_it_looks():

@@ -5,9 +5,9 @@ from collections.abc import Sequence
 from typing import Final
 
 from hapticnet.errors import SettingsError
+from hapticnet.rotations import Quaternion, inverse, rotated
 from hapticnet.samples import Vector
 from hapticnet_ros2.settings import axes_from
-from hapticnet_ros2.turns import Quaternion, inverse, rotated
 
 PARTS: Final = "force", "torque", "grip"
 WRENCH_AXES: Final = "base", "tool"
@@ -69,7 +69,7 @@ class Frame:
         """Return a torque, or the vector of a quaternion, in the frame."""
         return tuple([self._hand * each for each in self.shown(vector)])
 
-    def wrench_seen(self, wrench: Sequence[float], tool: Quaternion | None) -> tuple[Vector, Vector]:
+    def wrench_seen(self, wrench: Vector, tool: Quaternion | None) -> tuple[Vector, Vector]:
         """Return force and torque along hapticnet's axes; `tool` is the tool's orientation if the wrench is in it."""
         force, torque = wrench[:3], wrench[3:]
         if tool is not None:

@@ -5,13 +5,13 @@ import time
 from typing import Final, Unpack
 
 from hapticnet.checks import check_parameter
+from hapticnet.rotations import NO_TURN, Quaternion, inverse, normalised, product, quaternion_of, vector_near
 from hapticnet.samples import PositionSample, Vector
 from hapticnet_ros2.frames import Frame
 from hapticnet_ros2.jaw import Jaw, Opening
 from hapticnet_ros2.messages import WrenchStamped
 from hapticnet_ros2.settings import DdsOptions
 from hapticnet_ros2.topics import Dds, Input, fault_of_numbers, fault_of_pose, fault_of_position
-from hapticnet_ros2.turns import NO_TURN, Quaternion, inverse, normalised, product, turned_by, vector_near
 
 DEFAULT_MAX_FORCE_N: Final = 2.0
 DEFAULT_MAX_TORQUE_NM: Final = 0.1
@@ -157,7 +157,7 @@ class Leader:
             x, y, z = self._frame.turn_seen(device[:3])
             turn = x, y, z, device[3]
             if begins:
-                self._offset_turn = product(inverse(turn), turned_by(self._tool_rad))
+                self._offset_turn = product(inverse(turn), quaternion_of(self._tool_rad))
             self._tool_rad = vector_near(product(turn, self._offset_turn), self._tool_rad)
 
     def feel(self, t_us: int, force_n: Vector) -> None:  # noqa: ARG002 - the clock of the device counts

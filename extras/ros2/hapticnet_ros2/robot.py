@@ -5,13 +5,13 @@ from typing import Final, Unpack
 
 from hapticnet.checks import check_parameter
 from hapticnet.errors import SettingsError
+from hapticnet.rotations import NO_TURN, Quaternion, inverse, normalised, product, quaternion_of, toward
 from hapticnet.samples import PositionSample, Vector
 from hapticnet_ros2.frames import Frame
 from hapticnet_ros2.jaw import Jaw, Opening
 from hapticnet_ros2.messages import WrenchStamped
 from hapticnet_ros2.settings import DdsOptions, numbers_from
 from hapticnet_ros2.topics import LOG, Dds, Input, fault_of_joint, fault_of_numbers, fault_of_pose
-from hapticnet_ros2.turns import NO_TURN, Quaternion, inverse, normalised, product, toward, turned_by
 
 RISE_S: Final = 0.02  # time in which the force comes back after a fault
 LONGEST_STEP_S: Final = 0.1  # after a longer pause between two positions, the robot moves as after this one
@@ -154,7 +154,7 @@ class Robot:
         if self._frame.turns or self._frame.is_tool:
             self._turn = normalised(self._turn)
         if self._frame.turns:
-            self._zero_turn = inverse(turned_by(position_m[self._frame.turn_at]))
+            self._zero_turn = inverse(quaternion_of(position_m[self._frame.turn_at]))
         return True
 
     def _move(self, position_m: Vector, passed_s: float) -> Quaternion:
@@ -167,7 +167,7 @@ class Robot:
         x, y, z, w = self._turn
         turn: Quaternion = x, y, z, w
         if self._frame.turns:
-            *axis, cosine = product(turned_by(position_m[self._frame.turn_at]), self._zero_turn)
+            *axis, cosine = product(quaternion_of(position_m[self._frame.turn_at]), self._zero_turn)
             x, y, z = self._frame.turn_shown(axis)
             self._turned = toward(self._turned, (x, y, z, cosine), self._turn_speed * passed_s)
             turn = product(self._turned, turn)

@@ -22,7 +22,6 @@ from hapticnet.checks import check_integer, check_parameter
 from hapticnet.errors import SettingsError
 from hapticnet_ros2.messages import POSITIONS, PREFIX, Message, PoseStamped, TransformStamped, made
 from hapticnet_ros2.settings import domain_from, topic_from
-from hapticnet_ros2.turns import SHORTEST
 
 LOG: Final = logging.getLogger("hapticnet.ros2")
 
@@ -30,6 +29,7 @@ FORGET_S: Final = 2.0  # after a longer pause, the age of a message cannot be to
 DRIFT: Final = 1e-3  # largest difference in rate of two clocks, and how fast a delay is forgotten
 PATIENCE_S: Final = 1.0  # time that DDS gets to find the other side, before a line says that it is missing
 LINES_EVERY_S: Final = 10.0  # shortest time between two equal lines
+SHORTEST: Final = 1e-3  # length of a quaternion below which it is none
 LARGEST: Final = 1e4  # of any value, in SI units: above what any arm reaches or bears
 FRESH_MS: Final = 20.0
 

@@ -19,10 +19,10 @@ from dds_peers import (
 
 import hapticnet as hn
 from hapticnet.errors import SettingsError
+from hapticnet.rotations import inverse, normalised, product, quaternion_of, rotated, vector_near
 from hapticnet_ros2 import Leader, Robot
 from hapticnet_ros2.frames import Frame
 from hapticnet_ros2.messages import JointState, PoseStamped, WrenchStamped
-from hapticnet_ros2.turns import inverse, normalised, product, rotated, toward, turned_by, vector_near
 
 ALL = {"parts": "force+torque+grip"} | CALM
 HOME = normalised((0.1, -0.2, 0.3, 0.9))
@@ -51,30 +51,12 @@ def turn_of(message):
     return message.values()[3:]
 
 
-# Rotations
-
-
-def test_a_rotation_vector_goes_on_over_many_turns_whatever_the_sign_of_the_quaternion():
-    last = (0.0, 0.0, 0.0)
-    for step in range(1, 1500):
-        angle = 0.01 * step
-        turn = turned_by((0.6 * angle, 0.0, -0.8 * angle))
-        after = vector_near(tuple(-each for each in turn) if step % 2 else turn, last)
-        assert math.dist(after, last) < 0.0101
-        last = after
-    assert last == pytest.approx((0.6 * 14.99, 0.0, -0.8 * 14.99))
-
-
-def test_a_turn_toward_another_goes_the_short_way_and_no_further_than_allowed():
-    to = turned_by((0.0, 0.0, 3.5))
-    near = toward((0.0, 0.0, 0.0, 1.0), to, 0.1)
-    assert vector_near(near, (0.0,) * 3) == pytest.approx((0.0, 0.0, -0.1))
-    assert toward(near, to, 4.0) == to
+# The axes
 
 
 @pytest.mark.parametrize("axes", ["xyz", "-zxy", "yxz", "-x-yz"])  # with and without a mirror
 def test_a_turned_vector_seen_along_other_axes_is_the_seen_vector_turned(axes):
-    frame, turn, vector = Frame(axes, "force+torque", "base"), turned_by((0.3, -0.5, 0.9)), (1.0, 2.0, 3.0)
+    frame, turn, vector = Frame(axes, "force+torque", "base"), quaternion_of((0.3, -0.5, 0.9)), (1.0, 2.0, 3.0)
     seen = (*frame.turn_seen(turn[:3]), turn[3])
     assert frame.seen(rotated(vector, turn)) == close(rotated(frame.seen(vector), seen))
     assert frame.shown(frame.seen(vector)) == vector
@@ -95,7 +77,7 @@ def test_a_robot_turns_from_where_it_is_and_its_torque_and_grip_are_felt(space, 
         assert turn_of(behind.newest) == close(HOME)
         assert last_of(jaw_told).position == close([0.6])
         settle(robot, 0.5, 0.5, 0.51, 0.0, 0.4, 0.8, 0.010)
-        away = product(turned_by((0.0, 0.4, 0.8)), inverse(turned_by((0.0, 0.4, 0.0))))
+        away = product(quaternion_of((0.0, 0.4, 0.8)), inverse(quaternion_of((0.0, 0.4, 0.0))))
         assert behind.newest.values() == close((0.1, 0.1, 0.11, *product(away, HOME)))
         assert last_of(jaw_told).position == close([0.5])
 
@@ -167,9 +149,9 @@ def test_a_leader_turns_the_tool_by_differences_and_gets_wrench_and_grip(space, 
     with hand.behind:
         leader = made(Leader(space, 3, jaw_m=0.04, max_grip_n=5.0, **ALL))
         assert hold(leader, (0.0,) * 7, 1.0) == close((0.0,) * 6 + (0.02,))  # the opening comes at 50 mm/s
-        hand.turn = product(turned_by((0.0, 0.0, 2.0)), HOME)
+        hand.turn = product(quaternion_of((0.0, 0.0, 2.0)), HOME)
         hold(leader, (0.0,) * 7, 0.3)
-        hand.turn = tuple(-each for each in product(turned_by((0.0, 0.0, 4.0)), HOME))  # over half a turn
+        hand.turn = tuple(-each for each in product(quaternion_of((0.0, 0.0, 4.0)), HOME))  # over half a turn
         assert hold(leader, (0.5, 0.0, -0.5, 0.03, 0.0, 0.04, -3.0), 0.7)[3:6] == close((0.0, 0.0, 4.0))
         assert hand.felt == close((-0.5, 0.0, 0.5, -0.03, 0.0, -0.04))
         assert last_of(hand.drive).effort == close([0.12])  # opens the fingers: 3 N at 40 mm
@@ -194,7 +176,7 @@ def test_a_pose_without_orientation_is_one_line_no_force_and_no_jump(space, made
     with hand.behind:
         leader = made(Leader(space, 3, parts="force+torque", **CALM))
         hold(leader, (0.0,) * 6, 0.2)
-        hand.turn = product(turned_by((0.2, 0.0, 0.0)), HOME)
+        hand.turn = product(quaternion_of((0.2, 0.0, 0.0)), HOME)
         assert hold(leader, (0.0,) * 3 + (0.05,) * 3, 0.6)[3:] == close((0.2, 0.0, 0.0))
         assert hand.felt[3:] == close((-0.05,) * 3)
         hand.turn = wrong
@@ -202,13 +184,13 @@ def test_a_pose_without_orientation_is_one_line_no_force_and_no_jump(space, made
         assert hand.felt == (0.0,) * 6
         (line,) = [each for each in caplog.messages if "measured_cp" in each]
         assert said in line
-        hand.turn = turned_by((0.0, 2.0, 0.0))
+        hand.turn = quaternion_of((0.0, 2.0, 0.0))
         assert hold(leader, (0.0,) * 6, 0.1)[3:] == close((0.2, 0.0, 0.0))
 
 
 def test_a_leader_that_takes_wrenches_along_its_tool_gets_them_so(space, made):
     hand = Hand(space)
-    hand.turn = turned_by((math.pi / 2.0, 0.0, 0.0))
+    hand.turn = quaternion_of((math.pi / 2.0, 0.0, 0.0))
     with hand.behind:
         leader = made(Leader(space, 3, parts="force+torque", wrench_axes="tool", **CALM))
         hold(leader, (0.0, 0.0, 1.0, 0.0, 0.05, 0.0), 0.8)
@@ -231,7 +213,7 @@ def test_a_push_a_twist_and_an_object_in_the_jaw_are_the_same_at_the_leader(spac
         leader = made(Leader(f"{space}/MTML", axes, jaw_m=0.04, **ALL))
         with hn.ThreadedMaster(slave.address, operator=leader, codec="raw"):
             time.sleep(1.5)
-            hand.turn = product(turned_by((0.0, 0.3, 0.0)), HOME)
+            hand.turn = product(quaternion_of((0.0, 0.3, 0.0)), HOME)
             time.sleep(0.6)
             assert hand.felt == close((1.0, 0.0, -0.5, 0.04, 0.0, -0.02))  # +x at the robot pushes +x at the hand
             assert last_of(hand.drive).effort[0] == close(0.04)  # 1 N opens the fingers, as it does the jaw
