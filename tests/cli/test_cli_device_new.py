@@ -81,7 +81,7 @@ def unplugged(*_):
     raise OSError("no such device")
 
 
-@pytest.mark.parametrize("name", ["sim", "My-Motor", "1motor", "../up", "my motor", ""])
+@pytest.mark.parametrize("name", ["sim", "My-Motor", "1motor", "../up", "my motor", "", "class", "json", "numpy"])
 def test_other_names_are_refused(run, tmp_path, name):
     done = run("device", "new", name, "--out-dir", tmp_path)
     assert done.returncode == 2

@@ -1,6 +1,8 @@
 """``hapticnet device new``: a package for a device of one's own."""
 
+import keyword
 import re
+import sys
 from importlib.resources import files
 from pathlib import Path
 from string import Template
@@ -16,6 +18,9 @@ FILES: Final = {
     "test_device.py": "tests/test_{package}.py",
 }
 """Where each template goes in the package."""
+
+TAKEN: Final = {*keyword.kwlist, *sys.stdlib_module_names, "conftest", "hapticnet", "numpy", "pytest", "tests"}
+"""Names that cannot be imported as a package, or would hide a module that the package or its tests need."""
 
 
 def new(
@@ -36,6 +41,8 @@ def new(
             f" {', '.join(BUILT_IN)}"
         )
     package = name.replace("-", "_")
+    if package in TAKEN:
+        raise SettingsError(f"name {name!r} is taken by Python or a package in use; choose another, as in my-{name}")
     values = {"name": name, "package": package, "cls": "".join(map(str.capitalize, package.split("_")))}
     root = folder / name
     try:
