@@ -64,6 +64,11 @@ def _part_of(applied_n: Callable[[], Vector], each: slice, lever: float) -> Vect
     return over(applied_n()[each], lever)
 
 
+def _within(force_n: Vector, most_n: float) -> Vector:
+    size_n = magnitude(force_n)
+    return force_n if size_n <= most_n else times(force_n, most_n / size_n)
+
+
 class PartsEnd:
     """An end for each part. Each is passive at its own port, so all together are. Satisfies `MasterEnd`."""
 
@@ -169,10 +174,13 @@ class MasterCoupling:
             self._held_back = int(self._applied.held_back)
             if len(force_n) != self._port.axes:
                 raise SampleError(f"its force has {axes_of(len(force_n))}; the operator has {self._port.axes}")
-        if isinstance(self._port.law, PartsLaw):  # each end has its own limit
-            return force_n
-        size_n, most_n = magnitude(force_n), self._port.max_force_n
-        return force_n if size_n <= most_n else times(force_n, most_n / size_n)
+        law, most_n = self._port.law, self._port.max_force_n
+        if not isinstance(law, PartsLaw):
+            return _within(force_n, most_n)
+        parts = zip(law.parts, law.slices(), strict=True)
+        return tuple(
+            [x for part, at in parts for x in _within(force_n[at], most_n if part.kind == "force" else math.inf)]
+        )
 
     def check(self, now_us: int) -> tuple[HeldBack, ...]:
         """Return what to tell the operator: that the force is held back, about once a contact."""

@@ -14,12 +14,14 @@ from hapticnet.control.couplings import EnergyBounded
 from hapticnet.device.user import UserActuator
 from hapticnet.errors import SettingsError, UnavailableError
 from hapticnet.experiment.analysis import matched
+from hapticnet.node.coupled import MasterCoupling
 from hapticnet.node.loopback import Loopback
 from hapticnet.node.master import MasterNode
 from hapticnet.node.settings import MasterSettings, SlaveSettings
 from hapticnet.node.slave import SlaveNode
 from hapticnet.operator.base import UserOperator
-from hapticnet.parts import LEVER_M
+from hapticnet.parts import LEVER_M, PartsLaw, parse_parts
+from hapticnet.perception import WeberLaw
 from hapticnet.scene.base import UserScene
 from hapticnet.web.ticks import Ticks
 
@@ -133,6 +135,24 @@ def test_each_part_is_passive_with_a_coupling_at_its_own_port():
         absorbed_j = np.cumsum(EnergyBounded().damping * (lever * moves) ** 2 / 1e-3)  # by hand and device
         assert min(work_j + absorbed_j) > -5e-3  # the allowance of each contact [J]
     assert set(link.report().master["coupling"]) == {"name", "force", "torque", "grip"}
+
+
+def test_no_coupling_exceeds_the_largest_force_of_the_device_in_a_part(monkeypatch):
+    class Loud:
+        name = "loud"
+        held_back = 0
+
+        def master(self, _port):
+            return self
+
+        def limit(self, force_n, *_, **__):
+            return (50.0, *force_n[1:])
+
+    monkeypatch.setattr("hapticnet.node.coupled.parse_coupling", lambda _: Loud())
+    law = PartsLaw.of(parse_parts(POSE), WeberLaw())
+    coupling = MasterCoupling(MasterSettings(), law, UserOperator(Turning()), 1000, 3.0)
+    limited = coupling.limit((0.0,) * 7, (0.0,) * 7, 0, follows=False)
+    assert limited == (3.0, 0.0, 0.0, pytest.approx(5.0), 0.0, 0.0, 50.0)
 
 
 def test_a_scene_with_other_parts_refuses_and_names_both():
