@@ -4,9 +4,11 @@ A vector of parts is one flat tuple, part after part: for the parts ``force:3``,
 ``(x, y, z, rx, ry, rz, opening)`` and stimuli ``(fx, fy, fz, tx, ty, tz, grip)``. Newtons and newton metres have no
 common norm, so each part is compared with its own threshold: two stimuli differ if one part does.
 
-On every axis a stimulus is positive where it resists an increase of its position, so that their product is the work of
-the hand [J]; a grip that opens the fingers is negative. An orientation is a rotation vector [rad] in the scene's frame.
-It is continuous: of the vectors for one orientation it is the nearest to the last, so its norm may exceed π.
+On every axis a stimulus is positive where it resists an increase of its position, so that stimulus times movement is
+the work of the hand [J]; a grip that opens the fingers is negative. An orientation is a rotation vector [rad] in the
+scene's frame. It is continuous: of the vectors for one orientation it is the nearest to the last, so its norm may
+exceed π. A torque works along the turn itself: the difference of two rotation vectors is that turn only about a fixed
+axis.
 """
 
 import math

@@ -15,10 +15,11 @@ from hapticnet.errors import HapticnetError, PeerError, SampleError, SettingsErr
 from hapticnet.node.events import HeldBack
 from hapticnet.node.settings import MasterSettings
 from hapticnet.operator.base import Operator
-from hapticnet.parts import KINDS, PartsLaw
+from hapticnet.parts import KINDS, Part, PartsLaw
 from hapticnet.perception import WeberLaw
+from hapticnet.rotations import ORIGIN, Quaternion, inverse, product, quaternion_of, vector_near
 from hapticnet.samples import Vector, checked_vector
-from hapticnet.vectors import magnitude, over, times
+from hapticnet.vectors import magnitude, over, plus, times
 
 if TYPE_CHECKING:
     from hapticnet.capabilities import Capabilities
@@ -69,6 +70,29 @@ def _within(force_n: Vector, most_n: float) -> Vector:
     return force_n if size_n <= most_n else times(force_n, most_n / size_n)
 
 
+class Way:
+    """The movement of a part, as places whose difference times the stimulus is the work.
+
+    A torque on three axes works along the turn itself, which is the difference of two rotation vectors only about a
+    fixed axis. The places add up the turns from tick to tick.
+    """
+
+    def __init__(self, part: Part) -> None:
+        self._turns = part.kind == "torque" and part.axes == 3
+        self._last: Quaternion | None = None
+        self._place: Vector = ORIGIN
+
+    def to(self, position: Vector) -> Vector:
+        """Return the place after the movement to a position."""
+        if not self._turns:
+            return position
+        turn = quaternion_of(position)
+        if self._last is not None:
+            self._place = plus(self._place, vector_near(product(turn, inverse(self._last))))
+        self._last = turn
+        return self._place
+
+
 class PartsEnd:
     """An end for each part. Each is passive at its own port, so all together are. Satisfies `MasterEnd`."""
 
@@ -76,6 +100,7 @@ class PartsEnd:
         levers = [KINDS[part.kind].m_per_unit for part in law.parts]
         self._labels = tuple(part.label for part in law.parts)
         self._ends = tuple(zip(law.slices(), levers, ends, strict=True))
+        self._ways = tuple(map(Way, law.parts))
         self.held_back = 0
 
     def set_law(self, law: PartsLaw) -> None:
@@ -87,8 +112,8 @@ class PartsEnd:
     def limit(self, force_n: Vector, position_m: Vector, now_us: int, *, follows: bool) -> Vector:
         """Return the stimulus to apply until the next tick. See `MasterEnd.limit`."""
         limited: list[float] = []
-        for each, lever, end in self._ends:
-            place_m = times(position_m[each], lever)
+        for (each, lever, end), way in zip(self._ends, self._ways, strict=True):
+            place_m = times(way.to(position_m[each]), lever)
             limited += times(end.limit(over(force_n[each], lever), place_m, now_us, follows=follows), lever)
         self.held_back = sum(end.held_back for _, _, end in self._ends)
         return tuple(limited)

@@ -11,10 +11,11 @@ from hapticnet.channel.emulator import Emulator
 from hapticnet.channel.spec import parse_channel
 from hapticnet.cli.master import in_words
 from hapticnet.control.couplings import EnergyBounded
+from hapticnet.control.ports import Port
 from hapticnet.device.user import UserActuator
 from hapticnet.errors import SettingsError, UnavailableError
 from hapticnet.experiment.analysis import matched
-from hapticnet.node.coupled import MasterCoupling
+from hapticnet.node.coupled import MasterCoupling, PartsEnd, ports_of_parts
 from hapticnet.node.loopback import Loopback
 from hapticnet.node.master import MasterNode
 from hapticnet.node.settings import MasterSettings, SlaveSettings
@@ -22,7 +23,9 @@ from hapticnet.node.slave import SlaveNode
 from hapticnet.operator.base import UserOperator
 from hapticnet.parts import LEVER_M, PartsLaw, parse_parts
 from hapticnet.perception import WeberLaw
+from hapticnet.rotations import inverse, product, quaternion_of, vector_near
 from hapticnet.scene.base import UserScene
+from hapticnet.vectors import dot
 from hapticnet.web.ticks import Ticks
 
 POSE = ("force:3", "torque:3", "grip:1")
@@ -244,3 +247,23 @@ def test_the_person_is_told_where_the_axes_of_a_scene_point():
     assert "scene Table (x away from you, z up), 1000 Hz" in in_words(connected, link._loopback.master, "here")
     with pytest.raises(SettingsError, match="frame is 3; it must be text"):
         UserScene(SimpleNamespace(step=lambda _: 0.0, frame=3))
+
+
+@pytest.mark.parametrize("away_rad", [0.3, 1.0, 2.0])
+def test_a_torque_is_paid_for_along_the_turn_and_not_along_the_rotation_vector(away_rad):
+    law = PartsLaw.of(parse_parts(("force:1", "torque:3")), hn.WeberLaw())
+    ports = ports_of_parts(Port(4, law, 1000), law)
+    end = PartsEnd(law, [EnergyBounded().master(port) for port in ports])
+    given_j = absorbed_j = 0.0
+    torque, before = (0.0, 0.0, 0.0), None
+    for t_us in range(0, 20_000_000, 1000):  # on a cone, which ends where it began: its rotation vector, not the turn
+        angle = 0.5e-6 * t_us
+        place = (away_rad * math.cos(angle), away_rad * math.sin(angle), 0.5)
+        turn = quaternion_of(place)
+        if before is not None:
+            moved = vector_near(product(turn, inverse(before)))
+            given_j -= dot(torque, moved)
+            absorbed_j += EnergyBounded().damping * LEVER_M**2 * dot(moved, moved) / 1e-3
+        before = turn
+        torque = end.limit((0.0, 0.0, 0.0, -1.0), (0.0, *place), t_us, follows=False)[1:]
+    assert given_j - absorbed_j < 5e-3  # the allowance of a contact [J]
