@@ -99,7 +99,7 @@ def test_what_cannot_be_pressed_is_refused(scene, message):
 
 
 def test_a_link_that_loses_all_is_refused():
-    with pytest.raises(SettingsError, match="no session within 10 s of virtual time"):
+    with pytest.raises(SettingsError, match="no session begins within 10 s over a round trip of 0 s with loss=100%"):
         press(replace(RAW, channel=ChannelSettings(loss=BernoulliLoss(1.0))), 100.0, 0.0)
 
 

@@ -10,11 +10,11 @@ E = Σ F·dx where that is positive, and send the sum. A controller at each end 
   J.-H. Ryu, "Compensating position drift in Time Domain Passivity Approach based teleoperation", IEEE Haptics
   Symposium 2014.
 
-The next movement of the hand is taken to be like the last, and the scene to be as stiff as in the last movement. Where
-that is wrong, too much is given out, and held back later: at most one tick's at the master, when the hand turns, and at
-the slave the tool's first step into a contact. With an α above twice the hand's mass over the period of a tick, a
-sampled damper shakes the hand instead of damping it. A bound of α prevents that, but then energy can come out that has
-not gone in.
+The next movement of the hand is taken to be like the last, and the scene to be as stiff as in the last movement.
+Where that is wrong, too much is given out, and held back later: at most one tick's at the master, when the hand
+turns, and at the slave the tool's first two movements into a contact, until it knows the stiffness; over loss some µJ
+more. With an α above twice the hand's mass over the period of a tick, a sampled damper shakes the hand instead of
+damping it. A bound of α prevents that, but then energy can come out that has not gone in.
 """
 
 import math

@@ -10,9 +10,11 @@ slave's end is matched, with a damper b beside the scene; a filter keeps pulses 
 with P_s = ∫F_s dt of the scene's force F_s, which is also the returning wave. P_s is sent back, and replaces what the
 master has summed of a force that was held over losses or silence.
 
-Over loss and jitter no more energy comes out than has gone in, but for what the tool's first step into a contact gives.
-The integral makes this so: after lost positions the slave applies the mean of the missing waves, which has less energy
-than they had, and what a held force has added to the master's wave is taken out again when P_s arrives.
+Without loss no more energy comes out than has gone in, but for what the tool's first two movements into a contact
+give. Over loss and jitter, a force that is held while no newer one arrives may give out as much again as it does in a
+tick, for each tick of that silence. The integrals keep this from adding up: after lost positions the slave applies
+the mean of the missing waves, which has less energy than they had, and what a held force has added to the master's
+wave is taken out again when P_s arrives.
 
 The published impedance is 0.3 N·s/m (S. Bernhard, chai3d, examples/GLFW/32-spring). A delay T each way shows the hand a
 compliance of T/b before the scene's own.
