@@ -173,7 +173,7 @@ class Mapped:
 
 def mapped(operator: Operator, mapping: Mapping) -> Operator:
     """Return the operator with its mapping; itself if nothing is mapped and it has no clutch."""
-    if mapping == Mapping() and not hasattr(operator, "clutched"):
+    if mapping == Mapping() and getattr(operator, "clutched", None) is None:
         return operator
     return Mapped(operator, mapping)
 
