@@ -40,6 +40,8 @@ def test_what_lets_other_hosts_in_is_a_warning(start):
     hand = start("master", "--operator", "udp:0.0.0.0:0", "--connect", "127.0.0.1:9")
     master.wait_for("warning master: other hosts can reach the page")
     hand.wait_for("warning master: anyone who reaches .* can move the tool")
+    for each in (master, hand):  # from then on it ends with a report
+        each.wait_for("device ready")
     assert (master.end(), hand.end()) == (0, 0)
 
 
