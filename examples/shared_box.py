@@ -15,7 +15,7 @@ HALF_M, STIFFNESS_N_PER_M, MASS_KG, DAMPING_N_S_PER_M = 0.05, 400.0, 0.3, 4.0
 
 
 class Side:
-    """The side of the box that belongs to one master: each has an object of its own, and `welcome` tells it whose."""
+    """One side of the box. Each master gets a new object, and `welcome` tells it the name of its master."""
 
     def welcome(self, master: str) -> None:
         """Remember the master; an exception refuses it."""

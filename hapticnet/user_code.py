@@ -21,7 +21,7 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any, Final, TypeAlias, cast
 
-from hapticnet.errors import SettingsError, UserCodeError, in_words, printable, shortened
+from hapticnet.errors import HapticnetError, SettingsError, UserCodeError, in_words, printable, shortened
 from hapticnet.files import user_path
 from hapticnet.interrupts import is_ctrl_c
 from hapticnet.samples import LARGEST_COMPONENT, MAX_AXES, Vector
@@ -62,6 +62,8 @@ class UserClass:
         """Return a new object; raise SettingsError if that fails."""
         try:
             return self.found(**self.options)
+        except HapticnetError as error:  # which says itself what is wrong
+            raise SettingsError(f"{self.label}: {error}") from error
         except BaseException as error:
             raise SettingsError(f"{self.label}: making it raised {raised(error)}") from error
 

@@ -236,3 +236,12 @@ def test_values_in_messages_are_short_whatever_they_are():
     assert short(Rude()) == "an object of type Rude"
     assert len(short("x" * 1000)) == 60
     assert short("a\nb") == r"'a\nb'"
+
+
+def test_an_object_that_says_what_is_wrong_is_quoted_without_the_name_of_the_error(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "rig.py").write_text(
+        "import hapticnet as hn\ndef wall(size):\n    raise hn.SettingsError(f'size is {size}; at most 2')\n"
+    )
+    with pytest.raises(SettingsError, match=r"^scene rig.py:wall: size is 3; at most 2$"):
+        find_user_class("rig.py:wall:size=3", "scene").make()

@@ -5,7 +5,7 @@ from typing import Any, Final, Protocol
 
 from hapticnet.capabilities import Capabilities, capabilities_of
 from hapticnet.checks import check_integer
-from hapticnet.parts import Parts, declared, force_axes
+from hapticnet.parts import Parts, declared, force_axes, written
 from hapticnet.samples import PositionSample, Vector
 from hapticnet.user_code import attribute_of, failure, method_of, vector_from
 
@@ -58,8 +58,8 @@ class UserOperator:
     """
 
     __slots__ = (
-        "_feel", "_felt_n", "_felt_us", "_hand_feel", "_hand_sample", "_sample", "axes", "capabilities", "duration_us",
-        "hand", "parts", "what",
+        "_feel", "_felt_n", "_felt_us", "_hand_feel", "_hand_sample", "_sample", "_unit", "axes", "capabilities",
+        "duration_us", "hand", "parts", "what",
     )  # fmt: skip
 
     def __init__(self, hand: HasSample, what: str = "the operator") -> None:
@@ -72,6 +72,7 @@ class UserOperator:
         if attribute_of(hand, "feel", None, what) is not None:
             self._hand_feel = method_of(hand, "feel(t_us, force_n)", what)
         self.axes, self.parts = declared(hand, what)
+        self._unit = written(self.parts, 1) if self.parts else "m"  # for messages
         duration_us: int | None = attribute_of(hand, "duration_us", None, what)
         if duration_us is not None:
             check_integer(f"{what}: duration_us", duration_us, 1, 2**62, "µs")
@@ -102,7 +103,7 @@ class UserOperator:
             result = self._hand_sample(t_us)
             if type(result) is PositionSample:
                 result = result.position_m
-            position_m = vector_from(result, self.axes, self._sample, "m")
+            position_m = vector_from(result, self.axes, self._sample, self._unit)
         except BaseException as error:
             raise failure(self._sample, error) from error
         return PositionSample(t_us, position_m)

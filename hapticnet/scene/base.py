@@ -5,7 +5,7 @@ from collections.abc import Callable, Sequence
 from typing import Any, Final, Protocol, TypeAlias
 
 from hapticnet.errors import SettingsError, UserCodeError
-from hapticnet.parts import Parts, declared
+from hapticnet.parts import Parts, declared, written
 from hapticnet.samples import ForceSample, PositionSample
 from hapticnet.scene.ahead import LookAhead
 from hapticnet.stiffness_bound import StiffnessBound
@@ -139,6 +139,7 @@ class UserScene:
         "__weakref__",
         "_method",
         "_step",
+        "_unit",
         "ahead",
         "axes",
         "copy",
@@ -160,6 +161,7 @@ class UserScene:
         self._step: Callable[[PositionSample], Any] = method_of(touched, "step(sample)", what)
         self._method = f"{type(touched).__name__}.step"
         self.axes, self.parts = declared(touched, what)
+        self._unit = written(self.parts, 1) if self.parts else "N"  # for messages
         self.name = _text(touched, "name", type(touched).__name__, what) or ""
         self.frame = _text(touched, "frame", None, what)
         # The object's methods of these names; None if it has none
@@ -203,7 +205,7 @@ class UserScene:
             result = self._step(sample)
             if type(result) is ForceSample:
                 result = result.force_n
-            force_n = vector_from(result, self.axes, self._method, "N")
+            force_n = vector_from(result, self.axes, self._method, self._unit)
         except BaseException as error:
             raise failure(self._method, error) from error
         return ForceSample(sample.t_us, force_n)

@@ -36,7 +36,7 @@ async def serve(host: str, answer: Answer, ready: Ready, hz: float) -> None:
         else:
             t_us, force_n = MESSAGE.unpack(answer(MESSAGE.pack(action["t_us"], action["x.pos"])))
             seen = {"t_us": t_us, "x.pos": action["x.pos"], "x.force": force_n}
-        with contextlib.suppress(zmq.Again):  # nobody is connected
+        with contextlib.suppress(zmq.Again):  # no peer is connected yet
             observations.send_string(json.dumps(seen), zmq.NOBLOCK)
         await asyncio.sleep(max(1.0 / hz - (time.monotonic() - began_s), 0.0))
 

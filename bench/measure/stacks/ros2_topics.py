@@ -1,7 +1,7 @@
 """Topics of ROS 2 over Cyclone DDS: PoseStamped one way, WrenchStamped the other; best effort, one message kept.
 
 Each message is answered in the thread of DDS that brings it. The stamp of the header is the position's, in both.
-Participants are named to each other, because a link need not carry multicast.
+Each participant is given the other's address, because the emulated link carries no multicast.
 """
 
 import asyncio

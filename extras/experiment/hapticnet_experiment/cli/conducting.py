@@ -190,7 +190,7 @@ def _conduct_in_real_time(
         hand, watchers = made.operator, tuple(made.watchers)
     if opened is not None:
         from hapticnet.web.server import Server
-        from hapticnet_experiment import page as pages  # with aiohttp, which a rehearsal need not wait for
+        from hapticnet_experiment import page as pages  # loads aiohttp, which a rehearsal does not use
 
         sock, access = opened
         seen, plan = None if hand is None else pages.SeenHand(hand), settings.plan
