@@ -89,6 +89,10 @@ run-figure: $(VENV)/installed-plot
 # built with and simulated in; systemd checks its units, and strace what its filter permits.
 SYSTEM_PACKAGES := gcc libc6-dev libssl-dev iproute2 gcc-avr avr-libc libsimavr-dev libelf-dev systemd strace
 
+# What peers/ is built with and tested on: a microcontroller, WebAssembly, C#.
+PEER_PACKAGES := clang cmake pkg-config gcc-arm-none-eabi libnewlib-arm-none-eabi qemu-system-arm \
+	lld wasi-libc libclang-rt-dev-wasm32 mono-mcs mono-runtime libmono-system-core4.0-cil
+
 system-packages:
 	@if ! { command -v gcc && command -v ip && command -v systemd-analyze && command -v strace && command -v avr-gcc && \
 			test -e /usr/include/simavr/sim_avr.h && test -e /usr/include/libelf.h && test -e /usr/include/openssl/evp.h; } >/dev/null; then \
@@ -99,9 +103,11 @@ system-packages:
 	@test -e /usr/include/fastdds || ! command -v apt-get >/dev/null || \
 		{ $(APT) update -qq && $(APT) install -y -qq --no-install-recommends g++ libfastrtps-dev; } || \
 		echo 'no Fast DDS here: extras/ros2 is not tested against it'
-	@{ command -v clang && command -v arm-none-eabi-gcc && command -v qemu-system-arm; } >/dev/null || ! command -v apt-get >/dev/null || \
-		{ $(APT) update -qq && $(APT) install -y -qq --no-install-recommends clang gcc-arm-none-eabi libnewlib-arm-none-eabi qemu-system-arm; } || \
-		echo 'no ARM compiler here: peers/c is not tested on a microcontroller'
+	@{ command -v clang && command -v wasm-ld && test -e /usr/include/wasm32-wasi && command -v mcs && command -v node && command -v npm && \
+			command -v arm-none-eabi-gcc && command -v qemu-system-arm; } >/dev/null || ! command -v apt-get >/dev/null || \
+		{ $(APT) update -qq && $(APT) install -y -qq --no-install-recommends $(PEER_PACKAGES) \
+			$$(command -v npm >/dev/null || echo nodejs npm); } || \
+		echo 'missing some of: $(PEER_PACKAGES) nodejs npm; the tests of peers/ that need them are skipped'
 
 # The live page is tested in Debian's Chromium. Ubuntu has it only as a snap, which these tests do not use.
 chromium:
