@@ -1,5 +1,4 @@
-/* A master: it moves in and out of the slave's scene for some seconds, and prints what it would feel.
- * First: hapticnet slave --scene paper. Then: build/master [ADDRESS [PORT [SECONDS]]] */
+/* A master that moves in and out of a scene. First: hapticnet slave --scene paper. Then: build/master [HOST [PORT [S]]] */
 #include <arpa/inet.h>
 #include <math.h>
 #include <stdio.h>
@@ -27,7 +26,8 @@ static uint32_t random32(void *context)
 int main(int argc, char **argv)
 {
     static hn_master master;
-    const hn_request request = {"deadband", "C", {{0}}, 0.05, 0.025, 1.0, 1000.0, 1};
+    const hn_request request = {.codec = "deadband", .name = "C", .weber_fraction = 0.05, .floor_n = 0.025,
+                                .multiplier = 1.0, .rate_hz = 1000.0, .axes = 1};
     struct sockaddr_in slave = {.sin_family = AF_INET, .sin_port = htons((uint16_t)atoi(argc > 2 ? argv[2] : "47800"))};
     int link = socket(AF_INET, SOCK_DGRAM, 0);
     if (inet_pton(AF_INET, argc > 1 ? argv[1] : "127.0.0.1", &slave.sin_addr) != 1 ||

@@ -15,6 +15,7 @@
 extern "C" {
 #endif
 
+struct hn_more;
 typedef uint32_t hn_entropy(void *context); /* returns 32 unpredictable bits */
 
 typedef struct {
@@ -28,6 +29,9 @@ typedef struct {
     double weber_fraction, floor_n, multiplier; /* the just-noticeable difference of the person at the master */
     double rate_hz;                             /* positions a second */
     unsigned axes;                              /* 1 to 3 */
+    double position_share; /* of that difference, for few positions: 0.01 to 0.9; 0: every position is sent */
+    bool announced, predicted; /* whether to render contact that the slave announces; whether it predicts the hand */
+    struct hn_more *more;      /* memory for these and for codecs that follow the hand; NULL if there is none */
 } hn_request;
 
 typedef enum { HN_CONNECTING, HN_ESTABLISHED, HN_STALE, HN_CLOSING, HN_CLOSED } hn_state;
@@ -48,6 +52,11 @@ void hn_master_force(hn_master *m, double force_n[], int64_t now_us);
 size_t hn_master_send(hn_master *m, uint8_t datagram[HN_DATAGRAM_BYTES]);
 void hn_master_receive(hn_master *m, const void *datagram, size_t size, int64_t now_us);
 void hn_master_close(hn_master *m, const char *reason, int64_t now_us); /* then go on until the state is CLOSED */
+
+/* Few positions, announced contact and codecs that follow the hand need `hn_more_bytes` of memory, aligned as a double.
+ * Before `hn_master_init`, set the request's `more` to what `hn_more_init` makes of it. It belongs to one master. */
+size_t hn_more_bytes(const hn_request *request);
+struct hn_more *hn_more_init(void *memory, const hn_request *request);
 
 hn_state hn_master_state(const hn_master *m);
 const char *hn_master_reason(const hn_master *m, unsigned *code); /* of the newest REFUSE, CLOSE or NOTICE */

@@ -94,6 +94,8 @@ const char *hn_take_settings(const hn_request *request, hn_settings *s)
         return "there is no such codec";
     if (hn_follows_motion(s->codec))
         return "this library's master has no codecs that follow the hand";
+    if (request->position_share != 0.0 || request->announced || request->predicted)
+        return "this library's master has no few positions, announced contact or predicted hands yet";
     if (s->axes < 1 || s->axes > HN_MOST_AXES)
         return "the axes must be 1 to 3";
     if (!(HN_LEAST_RATE_HZ <= request->rate_hz && request->rate_hz <= HN_MOST_RATE_HZ))

@@ -154,7 +154,9 @@ static void deliver(packet *link, bool at_slave, int64_t now_us)
 
 static void start_master(void)
 {
-    const hn_request request = {"deadband", "both", {{"step_n", 0.001}}, 0.05, 0.025, 1.0, 1000.0, 2};
+    const hn_request request = {.codec = "deadband", .name = "both", .parameters = {{"step_n", 0.001}},
+                                .weber_fraction = 0.05, .floor_n = 0.025, .multiplier = 1.0, .rate_hz = 1000.0,
+                                .axes = 2};
     check(hn_master_init(&master, &request, random32, NULL) == NULL, "the request is refused");
 }
 

@@ -34,6 +34,10 @@ class Request(ctypes.Structure):
         ("multiplier", ctypes.c_double),
         ("rate_hz", ctypes.c_double),
         ("axes", ctypes.c_uint),
+        ("position_share", ctypes.c_double),
+        ("announced", ctypes.c_bool),
+        ("predicted", ctypes.c_bool),
+        ("more", ctypes.c_void_p),
     ]
 
 
