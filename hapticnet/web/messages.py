@@ -63,8 +63,8 @@ To both views, after the hello and when they change::
 
 To the watch view, the hello has ``rate_hz``, ``axes``, ``device``, ``largest_n``, ``master``, ``hapticnet``,
 ``columns``, ``history_s``, ``codecs`` (each with ``name`` and ``summary``), ``limits`` and ``adjustable`` (what a page
-may change), and ``operator_url``; the scene has a ``name``, and each tissue ``name``, ``stiffness_n_per_m`` and
-``breach_force_n``. To it alone::
+may change), and ``operator_url``; the scene has a ``name`` and ``parts`` (their labels, if there are several; the first
+is shown), and each tissue ``name``, ``stiffness_n_per_m`` and ``breach_force_n``. To it alone::
 
     {"type": "event", "t_s": 3.2, "text": "link stale: …"}                         // the newest `EVENTS_KEPT` at first
     {"type": "state", "t_s": 12.4, "link": "established", "connections": 1, "sealed": false,  // `STATES_PER_S` a second

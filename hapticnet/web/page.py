@@ -265,7 +265,7 @@ class Page(Audience):
         content: dict[str, Any] = {"known": self._mirror is not None, "range_m": self._range_m, "tissues": shown}
         content |= {"axes": self._node.first_axes, "reach_m": (self._settings.hand or LiveHand()).settings.reach_m}
         if view == "watch":  # the operator view cannot show what it does not get
-            content["name"] = self._node.scene_name
+            content |= {"name": self._node.scene_name, "parts": [each.label for each in self._node.parts]}
             for about, tissue in zip(shown, tissues, strict=True):
                 about |= {key: getattr(tissue, key) for key in ("name", "stiffness_n_per_m", "breach_force_n")}
         return messages.text("scene", **content)

@@ -138,8 +138,24 @@ def test_the_time_of_the_plot_runs_evenly_although_messages_do_not(run_module):
         ("thresholdWords(2, 0.05, 0.025)", "Changes within 100\u00a0mN of 1\u00a0N are not sent"),
         ("handWords('page', 'another', 'live')", "Another page moves the needle"),
         ("linkState('stale').join(' ')", "warn Link stale"),
+        (
+            "firstSentence({ known: true, axes: 1, tissues: [{}] }, '')",
+            "A needle, elsewhere on the network, enters one layer of tissue; it pushes back until it breaks.",
+        ),
+        (
+            "firstSentence({ axes: 2, name: 'mujoco:m', parts: ['force@a', 'grip'] }, 'a box').replace(/, as.*ws/, '')",
+            (
+                "A tool, elsewhere on the network, moves on two axes among a box of a MuJoCo model;"
+                " what it touches pushes back. It has 2 parts; you see the first, force@a."
+            ),
+        ),
+        ("handSentence('page', 'you', 'tool')", "The ring is your hand; the tool follows it."),
+        ("handSentence('haply', 'nobody', 'tool')", "Another program is the hand."),
+        ("bandSentence('raw')", "Every force is sent, so there is no band, and no packet is saved."),
+        ("codecWords('mine', 'as I like')", "as I like"),
     ],
 )
 def test_numbers_and_states_in_words(run_module, call: str, text: str):
     names = "newtons, bytes, joules, percent, thresholdWords, handWords, linkState"
+    names += ", firstSentence, handSentence, bandSentence, codecWords"
     assert run_module("words", f"({{ {names} }}) => {call}") == text

@@ -336,6 +336,47 @@ def test_three_axes_are_moved_by_keys_pointer_and_wheel(watch: Stage):
     assert down_m == pytest.approx(2 * right_m, rel=0.05)
 
 
+def test_a_second_finger_moves_away_and_back(watch: Stage):
+    show_space(watch)
+    watch.page.evaluate(
+        """() => {
+          const scene = document.getElementById("scene");
+          scene.setPointerCapture = () => {};
+          window.touch = (type, pointerId, x, y) => scene.dispatchEvent(
+            new PointerEvent(type, { pointerId, clientX: x, clientY: y, pointerType: "touch", bubbles: true }));
+          touch("pointerdown", 1, 100, 300);
+        }"""
+    )
+    take(watch)
+    watch.page.evaluate("touch('pointerdown', 2, 200, 300); touch('pointermove', 1, 100, 200)")
+    watch.page.evaluate("touch('pointermove', 2, 200, 200)")
+    watch.until(lambda: bool(watch.hands) and watch.hands[-1].position_m[2] > 0.012)
+    assert watch.hands[-1].position_m[:2] == pytest.approx((0.01, 0.01)), "the first finger rests meanwhile"
+    watch.page.evaluate("touch('pointerup', 2, 200, 200); touch('pointermove', 1, 100, 260)")
+    watch.until(lambda: watch.hands[-1].position_m[0] > 0.012)
+    watch.page.evaluate("touch('pointerup', 1, 100, 260); delete document.getElementById('scene').setPointerCapture")
+
+
+def test_a_hand_that_swings_is_told_over_the_scene(watch: Stage):
+    port = {"put_in_j": 0.2, "given_back_j": 0.5, "created_j": 0.3, "swings": True}
+    watch.tell("state", **STATE, port=port)
+    watch.until(lambda: "The hand swings" in watch.text("#notice"))
+    assert "500 mJ given back" in watch.text("#tile-energy")
+    watch.tell("state", **STATE, port=port | {"swings": False})
+    watch.until(lambda: not watch.page.locator("#notice").is_visible())
+
+
+def test_keys_scroll_a_page_that_is_longer_than_the_window_until_the_scene_has_them(chromium):
+    stage = open_view(chromium, "watch", viewport={"width": 390, "height": 700})
+    stage.page.keyboard.press("PageDown")
+    stage.until(lambda: stage.page.evaluate("scrollY") > 100)
+    assert stage.heard("take") == []
+    stage.page.locator("#scene").focus()
+    stage.page.keyboard.press("PageDown")
+    stage.until(lambda: bool(stage.heard("take")))
+    stage.page.context.close()
+
+
 def test_a_force_of_any_size_is_drawn_inside_the_picture(watch: Stage):
     show_space(watch)
     code = """async ([from, push, size]) => {
@@ -347,12 +388,13 @@ def test_a_force_of_any_size_is_drawn_inside_the_picture(watch: Stage):
       return points;
     }"""
     size = {"width": 500, "height": 400}
-    for push in ({"x": 0, "y": -45}, {"x": 300, "y": 20}, {"x": -5, "y": 900}, {"x": 1, "y": 1}):
+    pushes = ({"x": 0, "y": -45}, {"x": 300, "y": 20}, {"x": -5, "y": 900}, {"x": -1, "y": -1}, {"x": -0.0, "y": -4})
+    for push in pushes:
         drawn = watch.page.evaluate(code, [{"x": 480, "y": 390}, push, size])
         ((_, words, x, y),) = [each for each in drawn if each[0] == "fillText"]
         assert 0 < x < 500 - 80
         assert 0 < y < 400
-        assert words.endswith("not to scale") == (push != {"x": -1, "y": 1}), words
+        assert words.endswith("not to scale") == (max(map(abs, push.values())) > 4), words
 
 
 def test_a_stick_moves_the_hand_and_the_rumble_follows_the_law_only_while_it_is_on(watch: Stage):

@@ -1,8 +1,8 @@
 // The hand: turns drags and arrow keys into wanted positions of the needle, and sends them.
 //
 // A drag is relative: the needle moves by as much as the pointer does on the screen, wherever the drag begins, and stays
-// when the pointer is lifted. The server limits the speed and smooths the motion; nothing here needs to. A wheel, W and S
-// move away and back, and so do the sticks of a game controller.
+// when the pointer is lifted. The server limits the speed and smooths the motion; nothing here needs to. A wheel, W and S,
+// two fingers that move up and down, and the right stick of a game controller move away and back.
 
 import { encodeHand } from "./wire.js";
 
@@ -32,6 +32,7 @@ export class Hand {
     this._rangesM = [[0, 0.1]];
     this._repeatMs = 100;
     this._pointer = null;
+    this._second = null; // a second finger, while it is down
     this._keys = new Set();
     this._buttons = [];
     this._fine = false;
@@ -117,7 +118,7 @@ export class Hand {
     surface.addEventListener("pointerdown", (event) => this._press(event));
     surface.addEventListener("pointermove", (event) => this._drag(event));
     for (const type of ["pointerup", "pointercancel", "lostpointercapture"]) {
-      surface.addEventListener(type, (event) => event.pointerId === this._pointer?.id && this._endDrag());
+      surface.addEventListener(type, (event) => this._lift(event));
     }
     surface.addEventListener("wheel", (event) => this._turn(event), { passive: false });
     document.addEventListener("keydown", (event) => this._keyDown(event));
@@ -131,7 +132,11 @@ export class Hand {
   }
 
   _press(event) {
-    if (event.button !== 0 || this._pointer) return;
+    if (event.button !== 0) return;
+    if (this._pointer) {
+      this._second ??= { id: event.pointerId, y: event.clientY };
+      return;
+    }
     this.take();
     if (!this.isOurs && !this._taking) return;
     this._surface.setPointerCapture(event.pointerId);
@@ -139,13 +144,24 @@ export class Hand {
     this._surface.dataset.dragging = "";
   }
 
+  _lift({ pointerId: id }) {
+    if (id === this._second?.id) this._second = null;
+    else if (id === this._pointer?.id) this._endDrag();
+  }
+
   _drag(event) {
+    if (event.pointerId === this._second?.id) {
+      this._move([0, 0, (this._second.y - event.clientY) * this._link.metresPerPixel()], event.timeStamp);
+      this._second.y = event.clientY;
+      return;
+    }
     if (event.pointerId !== this._pointer?.id) return;
     // A mouse may report several positions between two frames; each is sent with its own time.
     const motions = event.getCoalescedEvents?.() ?? [];
     for (const motion of motions.length ? motions : [event]) {
       const { clientX: x, clientY: y } = motion;
-      this._move(times([x - this._pointer.x, y - this._pointer.y, 0], this._link.metresPerPixel()), motion.timeStamp);
+      const by = times([x - this._pointer.x, y - this._pointer.y, 0], this._link.metresPerPixel());
+      if (!this._second) this._move(by, motion.timeStamp);
       Object.assign(this._pointer, { x, y });
     }
   }
@@ -157,20 +173,21 @@ export class Hand {
   }
 
   _endDrag() {
-    this._pointer = null;
+    this._pointer = this._second = null;
     delete this._surface.dataset.dragging;
   }
 
   _keyDown(event) {
     if (event.altKey || event.ctrlKey || event.metaKey) return;
     if (event.key === "Escape") {
-      this._link.letGo();
+      if (!document.querySelector(":popover-open")) this._link.letGo(); // otherwise it closes that
       return;
     }
     if (document.activeElement.closest("input, select, dialog, [popover]")) return; // they use the same keys
     const key = named(event);
     const moves = key in MOVES && this._link.toAxes(MOVES[key]).some(Boolean);
     if (!moves && !(key in STEPS_M)) return;
+    if (!this.isOurs && document.activeElement === document.body && scrolls()) return; // they scroll a long page
     event.preventDefault();
     this._fine = event.shiftKey;
     if (event.repeat && moves) return; // `advance` moves while the key is down
@@ -216,6 +233,11 @@ export class Hand {
 
 function times(motion, by) {
   return motion.map((each) => each * by);
+}
+
+function scrolls() {
+  const { scrollHeight, clientHeight } = document.documentElement;
+  return scrollHeight > clientHeight + 1;
 }
 
 /** A key; letters without Shift. */

@@ -160,9 +160,9 @@ export function drawWanted(context, scene, needle, wantedM) {
 export function drawForce(context, from, push, forceN, { width, height }) {
   const length = Math.hypot(push.x, push.y) * ARROW_PX_PER_N;
   if (!(Math.abs(forceN) > 0.03)) return; // what a deadband may leave at rest
-  const inside = (at, by, size) => (by > 0 ? size - ARROW_ROOM_PX - at : by < 0 ? ARROW_ROOM_PX - at : Infinity) / by;
+  const inside = (at, by, size) => (by ? ((by > 0 ? size - ARROW_ROOM_PX : ARROW_ROOM_PX) - at) / by : 1); // 0 may be -0
   const [x, y] = [push.x * ARROW_PX_PER_N, push.y * ARROW_PX_PER_N];
-  const share = Math.max(0, Math.min(1, inside(from.x, x, width) || 1, inside(from.y, y, height) || 1));
+  const share = Math.max(0, Math.min(1, inside(from.x, x, width), inside(from.y, y, height)));
   const colour = palette();
   const to = share * length;
   const head = Math.min(10, to);
@@ -207,7 +207,7 @@ export function drawScale(context, pxPerM) {
   context.font = `400 11px ${FONT}`;
   context.textAlign = "left";
   context.textBaseline = "alphabetic";
-  context.fillText(`${mm} mm`, 22, 28);
+  context.fillText(`${mm} mm`, 18, 23);
 }
 
 /** Chevrons below the tip that invite to drag. */

@@ -1,6 +1,6 @@
 // The settings form: sends changes, and shows what the server reports.
 
-import { thresholdWords } from "./words.js";
+import { codecWords, thresholdWords } from "./words.js";
 
 const SEND_EVERY_MS = 120;
 const SETTLE_MS = 800; // while a person turns a control, reports of older values must not move it back
@@ -85,8 +85,7 @@ export class Settings {
 
   _explain() {
     const { multiplier, codec } = this._form.elements;
-    const summary = this._summaries.get(codec.value) ?? "";
-    this._text("codec-help", summary);
+    this._text("codec-help", codecWords(codec.value, this._summaries.get(codec.value)));
     this._text("delay-help", `adds ${2 * this._form.elements.delay_ms.value} ms to the round trip`);
     if (!this._state) return;
     const { weber_fraction: fraction, floor_n: floor } = this._state;

@@ -31,6 +31,7 @@ export class Stage {
     this._contacts = [];
     this._wordsMs = 0;
     this._limit = null;
+    this._swings = false;
     this._pushN = [];
     this.canvas = byId("scene");
     this.scene = new SceneView(this.canvas, { onBreach: (index) => this._breached(index) });
@@ -52,6 +53,7 @@ export class Stage {
     this._mayStopOthers = view === "watch";
     byId("hand-button").addEventListener("click", () => this._pressButton());
     byId("notice").querySelector("button").addEventListener("click", () => this._retry());
+    for (const type of ["gamepadconnected", "gamepaddisconnected"]) addEventListener(type, () => this._show());
     this._show();
     requestAnimationFrame((nowMs) => this._frame(nowMs));
   }
@@ -59,6 +61,16 @@ export class Stage {
   /** Whether the scene is none of layers of tissue. */
   get isSpace() {
     return this._scene !== null && (this._scene.axes > 1 || !this._scene.known);
+  }
+
+  /** Where the positions come from, in a word. */
+  get source() {
+    return this._handInfo.source;
+  }
+
+  /** Who has the hand: you, another or nobody. */
+  get holder() {
+    return this._holder;
   }
 
   get _view() {
@@ -94,6 +106,13 @@ export class Stage {
   setLimit(limitN) {
     if (limitN === this._limit) return;
     this._limit = limitN;
+    this._show();
+  }
+
+  /** Tell whether force and hand swing against each other. */
+  setSwings(swings) {
+    if (swings === this._swings) return;
+    this._swings = swings;
     this._show();
   }
 
@@ -281,6 +300,7 @@ export class Stage {
     if (this._ready === false) {
       return ["warn", "The slave does not answer", "Force fades to zero. The needle moves, but it touches nothing."];
     }
+    if (this._swings) return ["bad", "The hand swings", "The force comes late and pushes the hand on. A coupling that bounds the energy, or less delay, brings it to rest."];
     if (this._limit) return ["info", `The device presses with ${this._limit} N at most`, "The force is larger: a finger would feel less of it."];
     if (this._holder === "you" && this._handState === "holding") {
       return ["info", "The needle is held", "This page was silent for a moment. Move to continue."];

@@ -35,7 +35,7 @@ function showEnergy(port) {
 
 /** How far the held force was from the true one at the same moment, over the seconds shown. */
 function showFelt(felt) {
-  text("felt", felt ? `Above 1 JND: ${percent(felt.exceed_jnd_fraction)} %` : "");
+  text("felt", felt ? `Noticeably wrong: ${percent(felt.exceed_jnd_fraction)} %` : "");
   if (!felt) return;
   const shares = [1, 2, 4, 8].map((jnds) => felt[jnds === 1 ? "exceed_jnd_fraction" : `above_${jnds}_jnd_fraction`]);
   document.getElementById("felt").title = "Held force beside the true one, over the seconds shown: above 1, 2, 4 and 8 JND "

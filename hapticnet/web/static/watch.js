@@ -8,7 +8,7 @@ import { Settings } from "./settings.js";
 import { Tone } from "./sound.js";
 import { Stage } from "./stage.js";
 import { showTraffic } from "./traffic.js";
-import { count, firstSentence, linkState, newtons } from "./words.js";
+import { bandSentence, count, firstSentence, handSentence, linkState, newtons } from "./words.js";
 
 const KEPT = ["true", "received", "held", "sensed", "packets", "low", "high"];
 const LEGEND_EVERY_MS = 120;
@@ -41,6 +41,7 @@ const stage = new Stage("watch", {
     describe();
   },
   shapes: describe,
+  hand: describe,
   samples: takeSamples,
   vibration: ({ playedMS2 }) => tone.vibrate(playedMS2),
   state: showState,
@@ -76,9 +77,14 @@ function configure(hello) {
 }
 
 function describe() {
-  const words = firstSentence(scene, stage.space.words());
-  if (byId("first").textContent !== words) byId("first").textContent = words;
+  if (!scene) return;
+  write("first", firstSentence(scene, stage.space.words()));
+  write("who", handSentence(stage.source, stage.holder, stage.isSpace ? "tool" : "needle"));
   document.querySelector('[data-line="true"]').hidden = !scene.known; // nobody here knows it
+}
+
+function write(id, words) {
+  if (byId(id).textContent !== words) byId(id).textContent = words;
 }
 
 function makePlot(seconds) {
@@ -123,6 +129,8 @@ function showState(state) {
   }
   settings.show(state);
   showTraffic(state);
+  write("band-words", bandSentence(state.codec));
+  stage.setSwings(state.port?.swings ?? false);
   stage.setLimit(largestN !== null && history.last("held") > largestN + 0.05 ? Number(largestN.toFixed(2)) : null);
   showAge(state.t_s);
 }

@@ -60,11 +60,14 @@ export function handWords(source, holder, state) {
 }
 
 const WAYS = ["Drag down to push, or use ↑ ↓.", "Drag, or use ↑ ↓ ← →.", "Drag, or use ↑ ↓ ← →; wheel or W and S: away and back."];
+const TOUCHES = ["Drag down to push.", "Drag to push.", "Drag to push; with two fingers, up and down: away and back."];
+const STICKS = ["the stick", "the stick", "both sticks"];
 
 export function hint(source, holder, { speed_m_per_s: speed, delay_ms: delay, axes = 1 }) {
   if (source !== "page") return "This page watches.";
   if (holder === "another") return "You watch until that page lets go.";
-  const how = matchMedia("(pointer: coarse)").matches ? "Drag to push." : `${WAYS[axes - 1]} Esc lets go.`;
+  if ([...(navigator.getGamepads?.() ?? [])].some((each) => each?.connected)) return `Drag, or use ${STICKS[axes - 1]}: the first button takes the hand, the second lets go.`;
+  const how = matchMedia("(pointer: coarse)").matches ? TOUCHES[axes - 1] : `${WAYS[axes - 1]} Esc lets go.`;
   return `${how} It follows ${delay} ms later, at up to ${count(speed * 1000)} mm/s.`;
 }
 
@@ -86,14 +89,56 @@ export function spaceWords(tipM, forceN) {
   return `Tool at ${place} millimetres${Number.isFinite(forceN) ? `, ${forceN.toFixed(1)} newtons` : ""}`;
 }
 
-/** The first sentence for somebody who sees the page: what there is, and what it does. */
-export function firstSentence({ known, axes, tissues }, shapes) {
+const SOLIDS = ["one axis", "two axes", "three axes"];
+
+/**
+ * The first sentence for somebody who sees the page: what there is, and what it does.
+ * @param {object} scene the newest message of that type
+ * @param {string} shapes what the scene says of its looks, in words; empty if nothing
+ */
+export function firstSentence({ known, axes, tissues, name = "", parts = [] }, shapes) {
+  const others = parts.length > 1 ? ` It has ${parts.length} parts; you see the first, ${parts[0]}.` : "";
   if (known && axes === 1) {
-    const layers = tissues.length === 1 ? "a layer" : `${tissues.length} layers`;
-    return `A needle enters ${layers} of tissue at the slave, and each pushes back until it gives way.`;
+    const layers = tissues.length === 1 ? "one layer of tissue; it" : `${tissues.length} layers of tissue; each`;
+    return `A needle, elsewhere on the network, enters ${layers} pushes back until it breaks.${others}`;
   }
-  return shapes ? `A tool moves at the slave among ${shapes}; what it touches pushes back, as the arrow shows.`
-    : "A tool moves at the slave, in a scene that does not say how it looks: you see the tool, its path and the force on it.";
+  const model = name.startsWith("mujoco:") ? " of a MuJoCo model" : "";
+  const tool = `A tool, elsewhere on the network, moves on ${SOLIDS[axes - 1]}`;
+  return (shapes ? `${tool} among ${shapes}${model}; what it touches pushes back, as the arrow shows.`
+    : `${tool}, in a scene that does not say how it looks: you see the tool, its path and the force on it.`) + others;
+}
+
+const HANDS = {
+  page: { you: "The ring is your hand; the {} follows it.", another: "A hand on another page moves it.", nobody: "Your hand is a ring that the {} follows: drag it." },
+  scripted: "A script is the hand.",
+  trace: "A recording is the hand.",
+  hand: "The hand is simulated: it wants to move on, and the force pushes it back.",
+};
+
+/** What the hand is: a second sentence. */
+export function handSentence(source, holder, tool) {
+  const words = HANDS[source] ?? "Another program is the hand.";
+  return (words[holder] ?? words).replace("{}", tool);
+}
+
+/** What the band in the plot is, and what that means for the force. */
+export function bandSentence(codec) {
+  if (codec === "raw") return "Every force is sent, so there is no band, and no packet is saved.";
+  const rest = codec === "deadband" ? "the finger feels the held one" : "both ends continue the force by the same rule";
+  return `The band is what a finger cannot tell from the held force. While the true force is inside, nothing is sent, and ${rest}.`;
+}
+
+const CODECS = {
+  raw: "Every force is sent.",
+  deadband: "A force is sent only if a finger can tell it from the last one (the paper).",
+  "motion-predictive": "Both ends compute the force from the hand’s own motion; only surprises are sent.",
+  "adaptive-predictive": "Both ends continue the force as a learned curve; only surprises are sent.",
+  "linear-predictive": "Both ends continue the force as a line; only surprises are sent.",
+};
+
+/** What a codec does, in plain words if it is one of hapticnet's own. */
+export function codecWords(name, summary = "") {
+  return CODECS[name] ?? summary;
 }
 
 /** What the threshold means at a force of one newton. */
