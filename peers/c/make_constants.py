@@ -13,7 +13,7 @@ from pathlib import Path
 from hapticnet import perception
 from hapticnet.codec import values
 from hapticnet.control import hold
-from hapticnet.node.settings import SlaveSettings
+from hapticnet.node.settings import MasterSettings, SlaveSettings
 from hapticnet.protocol import (
     handshake,
     master_session,
@@ -33,7 +33,7 @@ PAGES = ("docs/refer/payloads.md", "examples/literature/PAYLOADS.md")
 ROW = re.compile(r"^\| `(\w+)` \| (\w+) \| (?:(0) or )?(\S+) … (\S+) \| (\S+) \|$", re.MULTILINE)
 SUPERSCRIPTS = str.maketrans("⁻⁰¹²³⁴⁵⁶⁷⁸⁹", "-0123456789")
 
-SESSION, REPAIR, HOLD = SessionSettings(), RepairSettings(), hold.HoldSettings()
+SESSION, REPAIR, HOLD, MASTER = SessionSettings(), RepairSettings(), hold.HoldSettings(), MasterSettings()
 
 NUMBERS: dict[str, dict[str, float]] = {
     "Sizes of datagrams and fields [B]": {
@@ -67,6 +67,12 @@ NUMBERS: dict[str, dict[str, float]] = {
         "MOST_MULTIPLIER": perception.LARGEST_MULTIPLIER,
         "LARGEST_COMPONENT": LARGEST_COMPONENT,
         "LARGEST_COUNT": values.LARGEST_COUNT,
+    },
+    "What a master asks for unless it is told otherwise": {
+        "DEFAULT_WEBER_FRACTION": MASTER.law.weber_fraction,
+        "DEFAULT_FLOOR_N": MASTER.law.floor_n,
+        "DEFAULT_MULTIPLIER": MASTER.law.multiplier,
+        "DEFAULT_RATE_HZ": MASTER.rate_hz,
     },
     "Times of a session [us]": {
         "HELLO_INTERVAL_US": SESSION.hello_interval_us,

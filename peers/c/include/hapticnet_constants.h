@@ -34,6 +34,12 @@
 #define HN_LARGEST_COMPONENT 1000000000000000.0
 #define HN_LARGEST_COUNT 32767
 
+/* What a master asks for unless it is told otherwise */
+#define HN_DEFAULT_WEBER_FRACTION 0.05
+#define HN_DEFAULT_FLOOR_N 0.025
+#define HN_DEFAULT_MULTIPLIER 1.0
+#define HN_DEFAULT_RATE_HZ 1000.0
+
 /* Times of a session [us] */
 #define HN_HELLO_INTERVAL_US 100000
 #define HN_SLOWEST_HELLO_US 1000000
