@@ -1,0 +1,154 @@
+/** The C library as WebAssembly: each master or slave is an instance of its own. */
+import packed from "../build/hapticnet.wasm.z";
+import { primitives } from "./crypto.js";
+
+/** Largest datagram of the protocol [bytes]. */
+export const DATAGRAM_BYTES = 1200;
+/** Most axes of a position. */
+export const MOST_AXES = 3;
+const TEXT_BYTES = 1024;
+const KEY_BYTES = 32;
+const PAGE_BYTES = 65536;
+
+/** What `bridge.c` exports. */
+interface Exports {
+  memory: WebAssembly.Memory;
+  data(): number;
+  answer(): number;
+  text(): number;
+  numbers(): number;
+  address(): number;
+  keys(): number;
+  counts(): number;
+  masterInit(parameters: number): number;
+  masterSeal(hasPsk: boolean): number;
+  masterTick(nowUs: number, hasPosition: boolean): void;
+  masterForce(nowUs: number): void;
+  masterSend(): number;
+  masterReceive(size: number, nowUs: number): void;
+  masterClose(nowUs: number): void;
+  masterState(): number;
+  masterScene(): number;
+  masterReason(): number;
+  masterCode(): number;
+  masterCounts(): void;
+  slaveInit(axes: number): void;
+  slaveSeal(listed: number, count: number): number;
+  slaveReceive(size: number, addressSize: number, nowUs: number): number;
+  slavePosition(): number;
+  slaveAnswer(nowUs: number): number;
+  slaveClose(code: number): number;
+  slaveMaster(): number;
+  slaveCounts(): void;
+}
+
+/** Returns 32 unpredictable bits. */
+export type Random32 = () => number;
+
+/** Datagrams that a peer dropped, and answers that came too late to count. */
+export interface Counts {
+  readonly malformed: number;
+  readonly stray: number;
+  readonly tooOld: number;
+}
+
+async function compile(): Promise<WebAssembly.Module> {
+  const bytes = Uint8Array.from(atob(packed), (letter) => letter.charCodeAt(0));
+  const stream = new Blob([bytes]).stream().pipeThrough(new DecompressionStream("deflate"));
+  return WebAssembly.compile(await new Response(stream).arrayBuffer());
+}
+
+const library = await compile();
+
+function systemRandom32(): number {
+  return crypto.getRandomValues(new Uint32Array(1))[0] as number;
+}
+
+/** An instance of the library, and what passes between it and TypeScript. */
+export class Core {
+  readonly call: Exports;
+  readonly #bytes: (at: number, size: number) => Uint8Array;
+
+  constructor(random32: Random32 = systemRandom32) {
+    this.#bytes = (at, size) => new Uint8Array(this.call.memory.buffer, at, size);
+    const env = { random32: () => random32() | 0, hn_host_pow: Math.pow, ...primitives(this.#bytes) };
+    this.call = new WebAssembly.Instance(library, { env }).exports as unknown as Exports;
+  }
+
+  /** Give the library a datagram; return its size. One that is too long is cut, so that it is dropped and counted. */
+  putDatagram(data: Uint8Array): number {
+    const size = Math.min(data.length, DATAGRAM_BYTES + 1);
+    this.#bytes(this.call.data(), size).set(data.subarray(0, size));
+    return size;
+  }
+
+  /** Copy the datagram of `size` bytes that the library made; undefined if it made none. */
+  takeDatagram(size: number): Uint8Array | undefined {
+    return size > 0 ? this.#bytes(this.call.answer(), size).slice() : undefined;
+  }
+
+  /** Give the library texts that stay; RangeError if they are too long. */
+  putTexts(texts: readonly string[]): void {
+    const bytes = new TextEncoder().encode(texts.map((each) => each.replaceAll("\0", "") + "\0").join(""));
+    if (bytes.length > TEXT_BYTES) throw new RangeError("the names of a request have at most 1,000 bytes together");
+    this.#bytes(this.call.text(), bytes.length).set(bytes);
+  }
+
+  /** Give the library a reason for an end. */
+  putReason(reason: string): void {
+    const at = this.#bytes(this.call.data(), DATAGRAM_BYTES);
+    const { written } = new TextEncoder().encodeInto(reason, at.subarray(1));
+    at.copyWithin(0, 1, 1 + written);
+    at[written] = 0;
+  }
+
+  putNumbers(numbers: readonly number[]): void {
+    new Float64Array(this.call.memory.buffer, this.call.numbers(), numbers.length).set(numbers);
+  }
+
+  takeNumbers(count: number): number[] {
+    return Array.from(new Float64Array(this.call.memory.buffer, this.call.numbers(), count));
+  }
+
+  putKeys(keys: readonly Uint8Array[]): void {
+    keys.forEach((key, i) => this.#bytes(this.call.keys() + KEY_BYTES * i, KEY_BYTES).set(key));
+  }
+
+  putAddress(address: Uint8Array): void {
+    this.#bytes(this.call.address(), address.length).set(address);
+  }
+
+  takeAddress(size: number): Uint8Array {
+    return this.#bytes(this.call.address(), size).slice();
+  }
+
+  /** Give the library bytes that stay, in memory of their own; return where they are. */
+  keep(bytes: Uint8Array): number {
+    const at = PAGE_BYTES * this.call.memory.grow(Math.ceil(bytes.length / PAGE_BYTES));
+    this.#bytes(at, bytes.length).set(bytes);
+    return at;
+  }
+
+  /** Read a text of the library, which ends with a zero. */
+  textAt(at: number): string {
+    const bytes = new Uint8Array(this.call.memory.buffer, at);
+    return new TextDecoder().decode(bytes.subarray(0, bytes.indexOf(0)));
+  }
+
+  takeCounts(): Counts {
+    const [malformed, stray, tooOld] = new Uint32Array(this.call.memory.buffer, this.call.counts(), 3);
+    return { malformed, stray, tooOld } as Counts;
+  }
+}
+
+/** Check a time; RangeError unless it is a whole number of microseconds. */
+export function checkNow(nowUs: number): void {
+  if (!Number.isSafeInteger(nowUs))
+    throw new RangeError(`nowUs is ${nowUs}; it must be a whole number of microseconds, such as now() gives`);
+}
+
+/** Check a vector; RangeError unless it has a number for each axis. */
+export function checkVector(name: string, vector: readonly number[], axes: number): void {
+  if (vector.length !== axes || !vector.every((each) => typeof each === "number"))
+    throw new RangeError(`${name} is [${vector.join(", ")}]; it must have ${axes} ${axes === 1 ? "number" : "numbers"}`);
+}

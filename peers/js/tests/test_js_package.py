@@ -1,0 +1,124 @@
+"""The npm package: its own tests in Node, its size, its build, its examples and its README."""
+
+import json
+import os
+import re
+import shutil
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+LOADED_BYTES = 60_000
+FLAGS = ["--experimental-global-webcrypto"]  # what Node 20 has without
+
+
+def node(*arguments: object, **options: object) -> "subprocess.CompletedProcess[str]":
+    command = ["node", *FLAGS, *map(str, arguments)]
+    return subprocess.run(command, capture_output=True, text=True, timeout=60, **options)
+
+
+def test_the_tests_in_node_pass(package: Path):
+    done = node("--test", package / "tests" / "package.test.mjs")
+    assert done.returncode == 0, done.stdout
+
+
+def test_what_is_loaded_is_small_and_the_readme_says_how_small(package: Path):
+    subprocess.run(["make", "-s", "pack"], cwd=package, check=True, capture_output=True)
+    packed = json.loads(subprocess.check_output(["npm", "pack", "--dry-run", "--json"], cwd=package))[0]
+    sizes = {file["path"]: file["size"] for file in packed["files"]}
+    loaded = sizes["dist/index.js"]
+    assert {"LICENSE", "THIRD-PARTY.md", "README.md", "package.json", "dist/index.d.ts"} < set(sizes)
+    assert all(name.startswith("dist/") or "/" not in name for name in sizes)
+    assert loaded <= LOADED_BYTES
+    said = re.search(
+        r"\*\*(\d+) kB\*\* are loaded; the archive has (\d+) kB, and (\d+) kB unpacked",
+        (package / "README.md").read_text(),
+    )
+    assert said is not None
+    for kilobytes, size in zip(said.groups(), (loaded, packed["size"], packed["unpackedSize"]), strict=True):
+        assert abs(int(kilobytes) - size / 1000) <= 2
+
+
+def test_two_builds_are_equal_to_the_byte(package: Path, tmp_path: Path):
+    for name in ("c", "js"):
+        leave = shutil.ignore_patterns("build", "dist", "node_modules", "tests")
+        shutil.copytree(package.parent / name, tmp_path / name, ignore=leave)
+    (tmp_path / "js" / "node_modules").symlink_to(package / "node_modules")
+    subprocess.run(["make", "-s", "-C", tmp_path / "js"], check=True, capture_output=True)
+    for path in (package / "dist").iterdir():
+        assert (tmp_path / "js" / "dist" / path.name).read_bytes() == path.read_bytes(), path.name
+
+
+def test_the_lock_file_names_no_host(package: Path):
+    assert "http" not in re.sub(r'"(url|funding)": "[^"]*"', "", (package / "package-lock.json").read_text())
+
+
+@pytest.fixture
+def slave() -> Iterator[str]:
+    """Start a slave of hapticnet with the paper's scene; give its port."""
+    command = [sys.executable, "-m", "hapticnet", "slave", "--scene", "paper", "--listen", "127.0.0.1:0"]
+    with subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True) as process:
+        assert process.stderr is not None
+        ports = (re.search(r"listening on 127\.0\.0\.1:(\d+)", line) for line in process.stderr)
+        yield next(port[1] for port in ports if port)
+        process.terminate()
+
+
+@pytest.fixture
+def project(package: Path, tmp_path: Path) -> Path:
+    """Make a folder where `import "hapticnet"` gives the package."""
+    (tmp_path / "node_modules").mkdir()
+    (tmp_path / "node_modules" / "hapticnet").symlink_to(package)
+    (tmp_path / "package.json").write_text('{"type": "module"}')
+    return tmp_path
+
+
+def test_the_example_of_a_master_feels_the_scene_of_a_slave_of_hapticnet(package: Path, project: Path, slave: str):
+    program = Path(shutil.copy(package / "examples" / "master.mjs", project))
+    done = node(program, "127.0.0.1", slave, "2", env=os.environ)
+    assert done.returncode == 0, done.stderr
+    felt = [(float(x), float(n)) for x, n in re.findall(r"([\d.]+) mm +([\d.-]+) N", done.stdout)]
+    assert len(felt) >= 10
+    assert all(abs(n) < 0.1 for x, n in felt if x < 10.0)
+    assert max(n for _, n in felt) > 3.0
+
+
+def test_the_length_of_each_example_is_in_the_readme(package: Path):
+    for example in sorted((package / "examples").iterdir()):
+        lines = len(example.read_text().splitlines())
+        assert f"(examples/{example.name}) ({lines} lines)" in (package / "README.md").read_text()
+
+
+def blocks(package: Path) -> list[str]:
+    """Return the programs of the README."""
+    return re.findall(r"```ts\n(.*?)```", (package / "README.md").read_text(), re.S)
+
+
+def test_the_first_program_of_the_readme_feels_the_scene(package: Path, project: Path, slave: str):
+    (project / "first.mjs").write_text(blocks(package)[0].replace("47800", slave))
+    with subprocess.Popen(["node", *FLAGS, project / "first.mjs"], stdout=subprocess.PIPE, text=True) as process:
+        assert process.stdout is not None
+        felt = (float(line) for line in process.stdout)
+        assert next(force for force in felt if force > 1.0) < 5.0
+        process.terminate()
+
+
+def test_the_examples_of_the_readme_have_the_types_of_the_package(package: Path, project: Path):
+    """Each block of TypeScript is a module; it may use what `shared.d.ts` declares."""
+    assert len(blocks(package)) >= 4
+    for i, block in enumerate(blocks(package)):
+        (project / f"block{i}.ts").write_text(block + "export {};\n")
+    (project / "shared.d.ts").write_text(
+        "declare module 'node:dgram' {\n"
+        "  export function createSocket(kind: 'udp4'): import('hapticnet').Socket & { bind(port: number): void };\n"
+        "}\n"
+        "declare const nodeFs: { readFileSync(path: string, encoding: 'utf8'): string };\n"
+        "declare module 'node:fs' { export const readFileSync: typeof nodeFs.readFileSync; }\n"
+    )
+    options = ["--noEmit", "--strict", "--target", "es2022", "--module", "nodenext", "--types"]
+    files = [str(path) for path in sorted(project.glob("*.ts"))]
+    done = node(package / "node_modules" / "typescript" / "bin" / "tsc", *options, "", *files, cwd=project)
+    assert done.returncode == 0, done.stdout
