@@ -94,8 +94,8 @@ static const char *check_access(const char *path, bool secret, char *wrong)
     if (stat(path, &file) != 0)
         return say(wrong, "%s: %s", path, strerror(errno));
     if (file.st_uid != 0 && file.st_uid != geteuid())
-        return say(wrong, "%s belongs to another account (number %lu), which can change it; run: sudo chown $USER %s", path,
-                   (unsigned long)file.st_uid, path);
+        return say(wrong, "%s belongs to another account (number %lu), which can change it; run: sudo chown $USER %s",
+                   path, (unsigned long)file.st_uid, path);
     if (secret && file.st_mode & (S_IRWXG | S_IRWXO))
         return say(wrong, "%s holds a secret and is accessible to other users (mode %04o); run: chmod 600 %s", path,
                    (unsigned)file.st_mode & 07777u, path);
@@ -106,7 +106,8 @@ static const char *check_access(const char *path, bool secret, char *wrong)
     char *slash = strrchr(folder, '/');
     strcpy(slash != NULL ? slash + 1 : folder, ".");
     if (stat(folder, &file) == 0 && file.st_mode & S_IWOTH && !(file.st_mode & S_ISVTX))
-        return say(wrong, "%s can be replaced by all accounts, because they can change its folder; make that private", path);
+        return say(wrong, "%s can be replaced by all accounts, because they can change its folder; run: chmod o-w %s",
+                   path, folder);
 #else
     (void)path, (void)secret, (void)wrong;
 #endif
@@ -157,8 +158,8 @@ static const char *take(hn_key key, const char *path, const char *name, const ch
     if (!secret)
         snprintf(seen, sizeof seen, "'%.44s'", text);
     if (!hn_parse_key(key, text))
-        return say(wrong, "%s: %s has %u characters; %s must be 44 characters of base64 that end in '=' (32 bytes)", path,
-                   name, (unsigned)strlen(text), seen);
+        return say(wrong, "%s: %s has %u characters; %s must be 44 characters of base64 that end in '=' (32 bytes)",
+                   path, name, (unsigned)strlen(text), seen);
     if (strcmp(name, "psk") == 0 && memcmp(key, zero, sizeof zero) == 0)
         return say(wrong, "%s: psk is all zeros, which is not a secret; omit it or use 32 random bytes", path);
     return NULL;
