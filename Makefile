@@ -90,7 +90,7 @@ run-figure: $(VENV)/installed-plot
 SYSTEM_PACKAGES := gcc libc6-dev libssl-dev iproute2 gcc-avr avr-libc libsimavr-dev libelf-dev systemd strace
 
 # What peers/ is built with and tested on: a microcontroller, WebAssembly, C#.
-PEER_PACKAGES := clang cmake pkg-config gcc-arm-none-eabi libnewlib-arm-none-eabi qemu-system-arm \
+PEER_PACKAGES := clang g++ cmake pkg-config gcc-arm-none-eabi libnewlib-arm-none-eabi qemu-system-arm \
 	lld wasi-libc libclang-rt-dev-wasm32 mono-mcs mono-runtime libmono-system-core4.0-cil
 
 system-packages:
@@ -103,7 +103,7 @@ system-packages:
 	@test -e /usr/include/fastdds || ! command -v apt-get >/dev/null || \
 		{ $(APT) update -qq && $(APT) install -y -qq --no-install-recommends g++ libfastrtps-dev; } || \
 		echo 'no Fast DDS here: extras/ros2 is not tested against it'
-	@{ command -v clang && command -v wasm-ld && test -e /usr/include/wasm32-wasi && command -v mcs && command -v node && command -v npm && \
+	@{ command -v clang && command -v clang++ && command -v g++ && command -v cmake && command -v wasm-ld && test -e /usr/include/wasm32-wasi && command -v mcs && command -v mono && command -v node && command -v npm && \
 			command -v arm-none-eabi-gcc && command -v qemu-system-arm; } >/dev/null || ! command -v apt-get >/dev/null || \
 		{ $(APT) update -qq && $(APT) install -y -qq --no-install-recommends $(PEER_PACKAGES) \
 			$$(command -v npm >/dev/null || echo nodejs npm); } || \
