@@ -96,13 +96,13 @@ const SOLIDS = ["one axis", "two axes", "three axes"];
  * @param {object} scene the newest message of that type
  * @param {string} shapes what the scene says of its looks, in words; empty if nothing
  */
-export function firstSentence({ known, axes, tissues, name = "", parts = [] }, shapes) {
+export function firstSentence({ known, axes, tissues, name, parts = [] }, shapes) {
   const others = parts.length > 1 ? ` It has ${parts.length} parts; you see the first, ${parts[0]}.` : "";
   if (known && axes === 1) {
     const layers = tissues.length === 1 ? "one layer of tissue; it" : `${tissues.length} layers of tissue; each`;
     return `A needle, elsewhere on the network, enters ${layers} pushes back until it breaks.${others}`;
   }
-  const model = name.startsWith("mujoco:") ? " of a MuJoCo model" : "";
+  const model = name?.startsWith("mujoco:") ? " of a MuJoCo model" : "";
   const tool = `A tool, elsewhere on the network, moves on ${SOLIDS[axes - 1]}`;
   return (shapes ? `${tool} among ${shapes}${model}; what it touches pushes back, as the arrow shows.`
     : `${tool}, in a scene that does not say how it looks: you see the tool, its path and the force on it.`) + others;
