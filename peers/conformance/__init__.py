@@ -1,0 +1,1 @@
+"""One suite for every peer: golden vectors, sessions in lockstep with hapticnet, and malformed input."""
