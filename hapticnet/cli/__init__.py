@@ -14,6 +14,7 @@ from hapticnet.cli import (
     doctor,
     key,
     recordings,
+    replay,
     scene,
     stability,
     sweep,
@@ -83,6 +84,7 @@ app.command(short_help="Compare every codec on recordings with the best possible
 app.command(short_help="Say where a late force makes a hand swing.")(stability.stability)
 app.command(short_help="Print what a recording holds.")(recordings.info)
 app.command(short_help="Write a recording as CSV, NumPy or MCAP.")(recordings.export)
+app.command(short_help="Show one or two recordings on a page.")(replay.replay)
 app.command(short_help="List the codecs with their rules and parameters.")(codecs.codecs)
 app.command(short_help="Check whether this machine is fit, and say what to do.")(doctor.doctor)
 app.add_typer(scene.app, name="scene")

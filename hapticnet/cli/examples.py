@@ -60,6 +60,11 @@ EXAMPLES: Final[dict[tuple[str, ...], tuple[str, ...]]] = {
         "hapticnet export run.mcap --format csv",
         "hapticnet export run.csv --format npz --out arrays.npz",
     ),
+    ("replay",): (
+        "hapticnet replay run.mcap",
+        "hapticnet replay deadband.mcap raw.mcap --speed 0.5 --loop",
+        "hapticnet replay force.csv --force-column fz --position-column z --page 0.0.0.0:47880",
+    ),
     ("codecs",): ("hapticnet codecs", "hapticnet codecs --json"),
     ("doctor",): ("hapticnet doctor", "hapticnet doctor --quick"),
     ("scene", "show"): ("hapticnet scene show paper:1", "hapticnet scene show my.toml --json"),

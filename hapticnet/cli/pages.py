@@ -87,8 +87,10 @@ def choose_operator(operator: str | None, page: str | None, console: "Console") 
     return operator or "page", ServedPage(sock, access, console)
 
 
-def listen_for(page: str | None, views: "tuple[View, ...]", console: "Console") -> "tuple[socket.socket, Access]":
-    """Return the socket on which views will be served, and how to reach them.
+def listen_for(
+    page: str | None, views: "tuple[View, ...]", console: "Console", can: str = "move the needle"
+) -> "tuple[socket.socket, Access]":
+    """Return the socket on which views will be served, and how to reach them; `can`: what their addresses allow.
 
     Raise UnavailableError if the extra is missing or the address cannot be used; SettingsError if it is malformed.
     """
@@ -103,7 +105,7 @@ def listen_for(page: str | None, views: "tuple[View, ...]", console: "Console") 
     if not is_loopback(sock.getsockname()):
         console.warn(
             "other hosts can reach the page, and it is not encrypted: anyone who reads these addresses on"
-            " the network can move the needle"
+            f" the network can {can}"
         )
     return sock, access
 

@@ -165,7 +165,7 @@ GROUPS: Final[dict[str, tuple[str, ...]]] = {
     ),
     "Study": ("repeats", "shard"),
     "Recording": ("record", "record-dir", "record-format", "record-limit"),
-    "Page and monitoring": ("page", "metrics"),
+    "Page and monitoring": ("page", "speed", "loop", "metrics"),
     "Tables and plots": (
         "by", "of", "where", "csv", "plot", "plot-dir", "plot-format", "x", "y", "line", "panel",
     ),

@@ -86,6 +86,7 @@ class Audience(Watcher[NodeEvent], ABC):
 
     name = "page"
     views: tuple[View, ...] = messages.VIEWS  # the served views
+    documents: ClassVar[Mapping[View, str]] = {view: f"{view}.html" for view in messages.VIEWS}  # the file of each view
     farewell = "the master has ended"  # the last message to pages
     packages: tuple[str, ...] = (
         "hapticnet.web",

@@ -129,7 +129,7 @@ class Server(Watcher[NodeEvent]):
         if not self._access.opens(view, token):
             text = NO_ENTRY.format(why=OF_ANOTHER_RUN if token else INCOMPLETE)
             return web.Response(status=403, text=text, content_type="text/html", charset="utf-8")
-        return self._file(f"{view}.html")
+        return self._file(self._page.documents[view])
 
     async def _serve_file(self, request: web.Request) -> web.Response:
         name = request.match_info["name"]

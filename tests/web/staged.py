@@ -82,7 +82,7 @@ def serve_files(page: Page, stage: Stage) -> None:
     def answer(route: Route) -> None:
         stage.requests.append(route.request.url)
         name = route.request.url.removeprefix(f"{ORIGIN}/").partition("?")[0].removeprefix("static/")
-        body, kind = files[f"{name}.html" if name in messages.VIEWS else name]
+        body, kind = files[stage.served.documents.get(name, name)]
         route.fulfill(body=body, content_type=kind, headers=HEADERS)
 
     page.route("**/*", answer)

@@ -31,6 +31,12 @@ _MCAP_MAGIC: Final = b"\x89MCAP"
 _ZIP_MAGIC: Final = b"PK"
 _OTHER_TABLES: Final = ("datagram", "vibration")
 _NO_RECORDING: Final = "not a recording of hapticnet"
+
+
+class ForeignError(FileError):
+    """The file is not damaged, but another program's."""
+
+
 _BESIDE: Final = (*(f".{name}s.csv" for name in _OTHER_TABLES), ".events.csv", ".about.json")
 
 
@@ -57,7 +63,7 @@ def _reader(path: Path) -> Callable[[Path, int], Session]:
     check_main(path)
     sidecar = _part(path, "about.json")
     if not sidecar.exists():
-        raise FileError(
+        raise ForeignError(
             f"{path}: {_NO_RECORDING}: that is a .mcap or .npz file, or a .csv file with {sidecar.name} beside it"
         )
     return _read_csv
@@ -106,7 +112,7 @@ def _read_npz(path: Path, max_bytes: int) -> Session:
         events = tuple(Event(int(t_us), str(name), str(text)) for t_us, name, text in listed)
         side, offset_us = str(about.pop("side")), int(about.pop("unix_offset_us"))
     except KeyError as error:
-        raise FileError(f"{path}: {_NO_RECORDING}; its arrays are {', '.join(list(columns)[:20])}") from error
+        raise ForeignError(f"{path}: {_NO_RECORDING}; its arrays are {', '.join(list(columns)[:20])}") from error
     except (TypeError, ValueError, AttributeError, OverflowError) as error:
         raise FileError(f"{path}: {_NO_RECORDING} that can be read: {error}") from error
     tables: dict[str, dict[str, Any]] = {_main_name(side): {}}

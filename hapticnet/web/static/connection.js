@@ -10,13 +10,15 @@ export class Connection {
   /**
    * @param {string} view "watch" or "operator"
    * @param {object} on `open()`, `closed({final, reason, retryMs})`, `message(object)`
+   * @param {function} read returns the message in an ArrayBuffer, or null
    */
-  constructor(view, on) {
+  constructor(view, on, read = decode) {
     const address = new URL(`socket/${view}`, location.href);
     address.protocol = location.protocol === "https:" ? "wss:" : "ws:";
     address.search = location.search;
     this._address = address.href;
     this._on = on;
+    this._read = read;
     this._retryMs = FIRST_RETRY_MS;
     this._socket = null;
     this._open();
@@ -48,7 +50,7 @@ export class Connection {
       this._on.open();
     };
     socket.onmessage = ({ data }) => {
-      const message = typeof data === "string" ? parse(data) : decode(data);
+      const message = typeof data === "string" ? parse(data) : this._read(data);
       if (message) this._on.message(message);
     };
     socket.onclose = ({ code, reason }) => {

@@ -1,0 +1,94 @@
+"""``hapticnet replay``: one or two recordings on a page, with pause, seek, speed and loop."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Final
+
+import typer
+
+from hapticnet import options
+
+if TYPE_CHECKING:
+    import socket
+
+    from hapticnet.web.access import Access
+    from hapticnet.web.replay import Replay
+    from hapticnet.web.tape import Tape
+
+WATCH: Final = "watch it here: "  # start of the message with the page's address
+Files = Annotated[
+    list[Path],
+    typer.Argument(
+        metavar="FILE [FILE]", help="Recordings of master or slave, or any files with a force and its times."
+    ),
+]
+
+
+def replay(
+    file: Files,
+    page: options.Page = None,
+    speed: Annotated[float, typer.Option(help="Speed at first, from 0.1 to 4; the page can change it.")] = 1.0,
+    loop: Annotated[bool, typer.Option(help="Begin again at the end; the page can change it.")] = False,
+    force_column: options.ForceColumn = None,
+    position_column: options.PositionColumn = None,
+    time_column: options.TimeColumn = None,
+    sampling_rate: options.SamplingRate = None,
+    max_size: options.MaxSize = options.MAX_SIZE,
+) -> None:
+    """Show a recording on a page as it was, or two side by side, with pause, seek, speed and loop.
+
+    Each page plays for itself, from the moment it is seen. Columns are named for files of other programs only. Ends on
+    Ctrl-C or SIGTERM.
+    """
+    from hapticnet.checks import check_parameter
+    from hapticnet.cli.console import Console
+    from hapticnet.cli.pages import listen_for, say_addresses
+    from hapticnet.errors import SettingsError
+    from hapticnet.runtime.system import run
+
+    check_parameter("--speed", speed, 0.1, 4.0)
+    if len(file) > 2:
+        raise SettingsError(f"{len(file)} files; one recording can be replayed, or two side by side")
+    console = Console("replay")
+    sock, access = listen_for(page, ("watch",), console, can="watch the recordings")
+    from hapticnet.recordings.loading import load_recording
+    from hapticnet.recordings.session.reading import ForeignError, read_session
+    from hapticnet.web.replay import Replay
+    from hapticnet.web.tape import tape_of_force, tape_of_session
+
+    def load(path: Path) -> "Tape":
+        console.status(f"reading {path}")
+        try:
+            tape = tape_of_session(path, read_session(path, max_bytes=max_size))
+        except ForeignError:
+            recording = load_recording(
+                path, columns=force_column, position=position_column, time=time_column, rate_hz=sampling_rate,
+                max_bytes=max_size,
+            )  # fmt: skip
+            tape = tape_of_force(path, recording)
+        for note in tape.notes:
+            console.say(f"{path}: {note}")
+        return tape
+
+    try:
+        shown = Replay([load(path) for path in file], console.warn, speed=speed, loop=loop)
+        say_addresses({WATCH: "watch"}, access, console)
+        run(_serve(shown, access, sock))
+    finally:
+        sock.close()
+        console.finish()
+
+
+async def _serve(shown: "Replay", access: "Access", sock: "socket.socket") -> None:
+    """Serve the page until a signal."""
+    import asyncio
+
+    from hapticnet.runtime.signals import stop_on_signals
+    from hapticnet.web.server import Server
+
+    server = Server(shown, access, sock)
+    await server.start()
+    try:
+        await stop_on_signals(asyncio.get_running_loop()).wait()
+    finally:
+        await shown.stop()
+        await server.stop()

@@ -1,0 +1,464 @@
+"""A recording made ready to be shown at any time: what the live page shows, worked out once for the whole recording.
+
+Counters are sums from the beginning, so the figures at a time are differences of two of them, however one came there.
+An hour at 1 kHz takes about 0.2 GB.
+"""
+
+import re
+from collections.abc import Iterator, Mapping
+from dataclasses import asdict, dataclass, field
+from datetime import UTC, datetime, timedelta
+from itertools import pairwise
+from pathlib import Path
+from typing import Any, Final, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from hapticnet.arrays import FloatArray, IntArray
+from hapticnet.errors import FileError, HapticnetError
+from hapticnet.measure.metrics import error_report, norms
+from hapticnet.node.offline import force_datagram_bytes
+from hapticnet.perception import WeberLaw
+from hapticnet.protocol.seal import TAG_BYTES
+from hapticnet.protocol.wire import UDP_IPV4_HEADER_BYTES, Kind
+from hapticnet.recordings.loading import FASTEST_HZ, Recording
+from hapticnet.recordings.session.session import (
+    IN_FORCE,
+    INCOMPLETE,
+    Event,
+    Session,
+    change_notes,
+    in_force,
+    parse_json,
+    settings_line,
+)
+from hapticnet.samples import MAX_AXES
+from hapticnet.scene.bodies import BodyScene
+from hapticnet.scene.settings import BodySceneSettings
+from hapticnet.scene.sources import find_scene, scene_file
+from hapticnet.web import messages
+from hapticnet.web.mirror import Mirror, scene_called
+
+COLUMNS: Final = ("true", "received", "held", "sensed", "error", "packets")
+FRAMES_PER_S: Final = 60  # at most, of tool and surfaces
+ROWS_PER_BLOCK: Final = 2_000  # about that many rows are sent at once, of a second at most
+LARGEST: Final = 1e9  # larger numbers are shown as unknown
+MOST_EVENTS: Final = 1_000  # events that a page gets
+LONGEST_EVENT: Final = 300  # characters of one
+_AXIS: Final = re.compile(r"(.+?)(?:_[xyz])?_(m|rad)")
+_SIDES: Final = {"master": ("displacement_m", 3), "slave": ("answered_us", 4)}  # last column, columns after the held
+
+
+class Span(NamedTuple):
+    """Settings that were in force from a row on."""
+
+    row: int
+    t_us: int
+    codec: str
+    law: WeberLaw
+    scene: str
+    rate_hz: float  # as granted
+    line: str  # in words
+
+
+@dataclass(slots=True)
+class Tape:
+    """The rows of a recording, and all that a page shows of them."""
+
+    path: Path
+    kind: str  # master, slave, or foreign: a force from another program
+    t_us: IntArray  # shape (n,), n ≥ 1, each later than the one before
+    position_m: FloatArray  # shape (n, axes)
+    vectors: dict[str, FloatArray]  # true, received and held force [N], shape (n, axes), as far as they are recorded
+    sensed_n: FloatArray | None = None
+    back: IntArray = field(default_factory=lambda: np.empty((0, 3), np.int64))  # from the slave: time, kind, bytes
+    events: tuple[Event, ...] = ()
+    about: Mapping[str, Any] = field(default_factory=dict)
+    unix_offset_us: int | None = None
+    notes: list[str] = field(default_factory=list)
+    spans: list[Span] = field(init=False)
+    rows: npt.NDArray[np.float32] = field(init=False)  # `COLUMNS`, shape (columns, n)
+    scenes: list[dict[str, Any]] = field(default_factory=list)  # scene messages, each with its time
+    shapes: list[Any] = field(default_factory=list)
+    frames: tuple[npt.NDArray[Any], ...] = field(init=False)  # `FRAMES_PER_S`: row, surfaces and contacts
+    sums: dict[str, npt.NDArray[np.uint32]] = field(init=False)  # of all rows before a row, shape (n + 1,)
+
+    def __post_init__(self) -> None:
+        self.spans = list(self._settings())
+        self._follow_scenes()
+        self._compare()
+        self._count()
+        self.vectors = {"held": self.vectors["held"]} if self.axes > 1 and "held" in self.vectors else {}
+
+    @property
+    def axes(self) -> int:
+        """Number of axes that are shown."""
+        return int(self.position_m.shape[1])
+
+    @property
+    def rate_hz(self) -> float:
+        """Usual rows a second."""
+        return 1e6 / float(np.median(np.diff(self.t_us[:100_000]))) if len(self.t_us) > 1 else 1.0
+
+    @property
+    def block_us(self) -> int:
+        """Time [µs] that a block takes."""
+        return max(1, round(1e6 * min(1.0, ROWS_PER_BLOCK / self.rate_hz)))
+
+    def figures(self, t_us: int) -> dict[str, Any]:
+        """Return traffic and felt error at a time, as far as they are recorded; see `hapticnet.web.replay`."""
+        row = int(np.searchsorted(self.t_us, t_us, side="right"))
+        span = next((span for span in reversed(self.spans) if span.row < row), None)
+        since = span.row if span is not None else 0
+        figures: dict[str, Any] = {"since_s": self._seconds(since), "felt": None}
+        figures["traffic"] = self._traffic(t_us, row, since) if len(self.back) else None
+        first = max(since, int(np.searchsorted(self.t_us, t_us - round(1e6 * messages.HISTORY_S), side="right")))
+        known = np.flatnonzero(np.isfinite(self.rows[4, first:row])) + first
+        if len(known) and span is not None:
+            held = np.abs(self.rows[2, known].astype(np.float64))
+            error = self.rows[4, known].astype(np.float64)
+            figures["felt"] = asdict(error_report(span.law, (held + error)[:, None], held[:, None]))
+            figures["felt"]["so_far"] = self._share("above", "known", row)
+        return figures
+
+    def summary(self) -> dict[str, Any]:
+        """Return what the whole recording comes to: packets a second, and the share of the time above one JND."""
+        total = {name: int(sums[-1]) for name, sums in self.sums.items()}
+        felt_s = total["felt_rows"] / self.rate_hz
+        whole_s = max((int(self.t_us[-1]) - int(self.t_us[0])) / 1e6, 1 / self.rate_hz)
+        rate = total["felt_packets"] / felt_s if felt_s else len(self.back) / whole_s
+        return {
+            "codecs": list(dict.fromkeys(span.codec for span in self.spans)),
+            "is_felt": felt_s > 0,
+            "packets_per_s": round(rate, 1) if len(self.back) else None,
+            "raw_per_s": round(self.rate_hz, 1),
+            "above_jnd": self._share("above", "known", len(self.t_us)),
+        }
+
+    def block(self, number: int) -> tuple[float, FloatArray, tuple[npt.NDArray[Any], ...]]:
+        """Return the time [s] at which a block begins, its rows (their time first, shape (c, r)), and its frames.
+
+        The frames are time, tool and, with several axes, held force, surfaces, and contacts, each of shape (f, …).
+        """
+        begin_us = int(self.t_us[0]) + number * self.block_us
+        first, last = np.searchsorted(self.t_us, [begin_us, begin_us + self.block_us])
+        columns: FloatArray = np.vstack([1e-6 * (self.t_us[first:last] - begin_us), self.rows[:, first:last]])
+        rows, surfaces, contacts = self.frames
+        chosen = slice(*np.searchsorted(rows, [first, last]))
+        at = rows[chosen]
+        held = self.vectors.get("held", np.empty((len(self.t_us), 0)))[at]
+        frames = 1e-6 * (self.t_us[at, None] - begin_us), self.position_m[at], held, surfaces[chosen], contacts[chosen]
+        return 1e-6 * number * self.block_us, columns, frames
+
+    def description(self, label: str) -> dict[str, Any]:
+        """Return what a page must know of it at first; times count from its first row."""
+        first_us = int(self.t_us[0])
+        parts = [{"master": "recorded by a master", "slave": "recorded by a slave"}.get(self.kind, "another program's")]
+        if self.unix_offset_us is not None:
+            at = datetime(1970, 1, 1, tzinfo=UTC) + timedelta(microseconds=max(0, first_us + self.unix_offset_us))
+            parts.append(f"{at:%Y-%m-%d %H:%M} UTC")
+        rate_hz = self.spans[0].rate_hz if self.spans else self.rate_hz
+        parts += [f"{rate_hz:,.0f} Hz", *(f"scene {each['name']}" for each in self.scenes[:1] if each["name"])]
+        words = [event for event in self.events if event.name != IN_FORCE]
+        return {
+            "label": label, "name": self.path.name, "about": " · ".join(parts), "notes": self.notes,
+            "axes": self.axes, "block_s": self.block_us / 1e6, "duration_s": self._seconds(len(self.t_us) - 1),
+            "columns": ["t", *COLUMNS], "scenes": self.scenes, "shapes": self.shapes,
+            "known": [name for name, row in zip(COLUMNS, self.rows, strict=True) if np.isfinite(row).any()],
+            "top_n": float(np.fmax.reduce(self.rows[:4], axis=None, initial=0.0)),
+            "bottom_n": float(np.fmin.reduce(self.rows[:4], axis=None, initial=0.0)),
+            "spans": [
+                {"t_s": self._seconds(span.row), "codec": span.codec, "line": span.line, **asdict(span.law)}
+                for span in self.spans
+            ],
+            "events": [{"t_s": (each.t_us - first_us) / 1e6, "text": _in_words(each)} for each in words[:MOST_EVENTS]],
+        }  # fmt: skip
+
+    def _seconds(self, row: int) -> float:
+        return (int(self.t_us[min(row, len(self.t_us) - 1)]) - int(self.t_us[0])) / 1e6
+
+    def _share(self, part: str, whole: str, row: int) -> float | None:
+        return float(self.sums[part][row]) / float(self.sums[whole][row]) if self.sums[whole][row] else None
+
+    def _traffic(self, t_us: int, row: int, since: int) -> dict[str, float]:
+        """Return rates of the last second, and totals while a force was felt since the settings last changed."""
+        then_us = t_us - 1_000_000
+        first, last = np.searchsorted(self.back[:, 0], [then_us, t_us], side="right")
+        before = int(np.searchsorted(self.t_us, then_us, side="right"))
+        elapsed_s = min(1.0, max(0.2, (t_us - int(self.t_us[0])) / 1e6))
+        rates = {
+            "packets": float(last - first),
+            "bytes": float(self.back[first:last, 2].sum()),
+            "raw_packets": float(row - before),
+            "raw_bytes": float(self.sums["raw_bytes"][row]) - float(self.sums["raw_bytes"][before]),
+        }
+        names = {"packets": "felt_packets", "bytes": "felt_bytes", "raw_packets": "felt_rows", "raw_bytes": "felt_raw"}
+        totals = {name: int(self.sums[key][row]) - int(self.sums[key][since]) for name, key in names.items()}
+        return totals | {f"{name}_per_s": round(rate / elapsed_s, 1) for name, rate in rates.items()}
+
+    def _settings(self) -> Iterator[Span]:
+        """Yield the settings in force, each from its row on; a foreign file has none."""
+        for t_us, settings in in_force(self.events):
+            numbers = {name: settings.get(name) for name in ("weber_fraction", "floor_n", "multiplier")}
+            try:
+                law = WeberLaw(**{name: each for name, each in numbers.items() if isinstance(each, (int, float))})
+                line = settings_line(settings)
+            except (HapticnetError, ValueError, TypeError):
+                self.notes.append("some of its settings in force are damaged and were left out")
+                continue
+            row = int(np.searchsorted(self.t_us, t_us))
+            codec, scene, rate_hz = str(settings.get("codec"))[:40], str(settings.get("scene")), settings.get("rate_hz")
+            granted = float(rate_hz) if isinstance(rate_hz, (int, float)) and 0 < rate_hz < FASTEST_HZ else self.rate_hz
+            yield Span(row, t_us, codec, law, scene, granted, line)
+
+    def _follow_scenes(self) -> None:
+        """Move a copy of each scene along; keep how it looks, and the true force where it is not recorded."""
+        first_scene = self.spans[0].scene if self.spans else ""
+        begun = {0: (first_scene, self.kind == "slave")}  # scene, and whether it is new, by the row from which it is
+        for event in self.events:
+            if event.name == "Connected" and (found := _scene_of(event)) is not None:
+                begun[int(np.searchsorted(self.t_us, event.t_us))] = found
+        begun = dict(sorted(each for each in begun.items() if each[0] < len(self.t_us)))
+        mirrors = [
+            Mirror(known, is_new=is_new) if self.axes == 1 and (known := scene_called(name)) is not None else None
+            for name, is_new in begun.values()
+        ]
+        most = max((len(each.scene.tissues) for each in mirrors if each is not None), default=0)
+        stride = max(1, round(self.rate_hz / FRAMES_PER_S))
+        true_n = np.full(len(self.t_us), np.nan)
+        at: list[int] = []
+        surfaces: list[tuple[float, ...]] = []
+        contacts: list[tuple[int, ...]] = []
+        for (first, (name, _)), end, mirror in zip(begun.items(), [*begun, len(self.t_us)][1:], mirrors, strict=True):
+            self.scenes.append({"t_s": self._seconds(first), **self._scene(name, mirror)})
+            for low, high in pairwise([first, *range(first + 1, end, stride), end]):
+                at.append(high - 1)
+                if mirror is not None:
+                    positions_m = self.position_m[low:high, 0].astype("f4").tolist()  # as the slave gets them
+                    true_n[low:high] = mirror.forces_n(self.t_us[low:high].tolist(), positions_m)
+                looks = ((), ()) if mirror is None else (mirror.scene.surfaces_m(), mirror.scene.contacts())
+                surfaces.append(looks[0] + (0.0,) * (most - len(looks[0])))
+                contacts.append(looks[1] + (0,) * (most - len(looks[1])))
+        shape = len(at), most
+        self.frames = np.array(at), np.array(surfaces, "f4").reshape(shape), np.array(contacts, "u1").reshape(shape)
+        if "true" not in self.vectors and np.isfinite(true_n).any():
+            self.vectors["true"] = true_n[:, None]
+
+    def _scene(self, name: str, mirror: Mirror | None) -> dict[str, Any]:
+        """Return a scene message for a scene, and keep the shapes of one of bodies."""
+        tissues = () if mirror is None else mirror.settings.tissues
+        keys = ("name", "stiffness_n_per_m", "breach_force_n")
+        shown = [{"rest_m": each.rest_position_m} | {key: getattr(each, key) for key in keys} for each in tissues]
+        low, high = float(self.position_m[:, 0].min()), float(self.position_m[:, 0].max())
+        range_m = (low, max(high, low + 0.01)) if mirror is None else mirror.range_m
+        if mirror is None and not self.shapes:
+            self.shapes = _shapes_of(name, self.axes)
+        about = {"known": mirror is not None, "name": name, "axes": self.axes, "reach_m": 0.05}
+        return {**about, "range_m": range_m, "tissues": shown}
+
+    def _compare(self) -> None:
+        """Compare held and true force in each row, and put what a page plots into `rows`."""
+        count = len(self.t_us)
+        self.rows = np.full((len(COLUMNS), count), np.nan, np.float32)
+        for index, name in enumerate(COLUMNS[:3]):
+            if (vector := self.vectors.get(name)) is not None:
+                self.rows[index] = vector[:, 0] if self.axes == 1 else norms(vector)
+        if self.sensed_n is not None:
+            self.rows[3] = self.sensed_n
+        above = known = np.zeros(count, bool)
+        if "true" in self.vectors and "held" in self.vectors and self.spans:
+            error = norms(self.vectors["true"] - self.vectors["held"])
+            self.rows[4] = error
+            known, above = np.isfinite(error), np.zeros(count, bool)
+            held = norms(self.vectors["held"])
+            ends = [*(span.row for span in self.spans[1:]), count]
+            for number, (span, end) in enumerate(zip(self.spans, ends, strict=True)):
+                part = slice(span.row if number else 0, end)
+                above[part] = error[part] > span.law.jnds_n(held[part])
+        self.sums = {"known": _summed(known), "above": _summed(above)}
+
+    def _count(self) -> None:
+        """Sum up packets and bytes of all rows, and of those in which a force was felt."""
+        count = len(self.t_us)
+        arrived = np.searchsorted(self.back[:, 0], self.t_us, side="right")
+        packets = np.diff(arrived, prepend=0)
+        total = np.concatenate([[0], np.cumsum(self.back[:, 2])])
+        sizes = np.diff(total[arrived], prepend=0)
+        forces = np.concatenate([[0], np.cumsum(self.back[:, 1] == int(Kind.FORCE))])
+        self.rows[5] = np.diff(forces[arrived], prepend=0) if len(self.back) else np.nan
+        payload = np.full(count, 4 * self.axes, np.uint16)
+        raw = force_datagram_bytes(np.arange(count), self.t_us, payload) + UDP_IPV4_HEADER_BYTES
+        raw += TAG_BYTES if self.about.get("sealed") is True else 0
+        felt = np.abs(np.nan_to_num(self.rows[1])) > 0.0
+        self.sums |= {
+            "raw_bytes": _summed(raw), "felt_rows": _summed(felt), "felt_raw": _summed(raw * felt),
+            "felt_packets": _summed(packets * felt), "felt_bytes": _summed(sizes * felt),
+        }  # fmt: skip
+
+
+def tape_of_session(path: Path, session: Session) -> Tape:
+    """Return a recording of a master or slave; FileError if there is nothing to show in it."""
+    columns, side = session.main, session.side
+    if side not in _SIDES or not len(columns["t_us"]):
+        raise FileError(f"{path}: it has no rows, so there is nothing to replay")
+    last, after = _SIDES[side]
+    names = list(columns)
+    most, rest = divmod(len(names) - 1 - after, 3)
+    if most < 1 or rest or last not in names:
+        raise FileError(f"{path}: its columns are not those of a {side}: {', '.join(names[:20])}")
+    stems = [found.groups() if (found := _AXIS.fullmatch(name)) else (name, "") for name in names[1 : 1 + most]]
+    axes = min(MAX_AXES, sum(1 for stem in stems[:MAX_AXES] if stem == stems[0]))
+    keep = _in_order(columns["t_us"])
+
+    def vector(quantity: int) -> FloatArray:
+        start = 1 + quantity * most
+        return np.stack([_bounded(columns[name][keep]) for name in names[start : start + axes]], axis=1)
+
+    held = vector(2)
+    second = "received" if side == "master" else "true"
+    vectors = {"held": held, second: vector(1)}
+    notes = [] if session.complete else [_why_incomplete(session)]
+    if side == "slave":
+        vectors["received"] = held
+        notes.append("a slave's recording: held is what the master holds if nothing is lost, packets are those sent")
+    if axes < most:
+        notes.append(f"only the first of its parts is shown: {names[1].rpartition('_')[0]}")
+    notes += change_notes(session.events)
+    return Tape(
+        path, side, columns["t_us"][keep].astype(np.int64), _without_gaps(vector(0)), vectors,
+        sensed_n=_bounded(columns[names[-2]][keep]) if side == "master" and columns[names[-2]].any() else None,
+        back=_back(session), events=session.events, about=session.about, unix_offset_us=session.unix_offset_us,
+        notes=notes,
+    )  # fmt: skip
+
+
+def tape_of_force(path: Path, recording: Recording) -> Tape:
+    """Return the force that another program recorded."""
+    keep = _in_order(recording.t_us)
+    force = recording.force[keep]
+    notes = ["not recorded by hapticnet: it has no held force, no packets and no scene", *recording.notes]
+    if recording.position is None:
+        notes.append("it has no positions, so the tool does not move")
+    position = np.zeros_like(force) if recording.position is None else recording.position[keep]
+    return Tape(path, "foreign", recording.t_us[keep], _without_gaps(position), {"true": force}, notes=notes)
+
+
+def _why_incomplete(session: Session) -> str:
+    if not session.is_whole:
+        return "the file is cut off or damaged: what is whole of it is shown"
+    return f"incomplete: {session.about.get(INCOMPLETE, 'the recording stopped before its session ended')}"
+
+
+def _back(session: Session) -> IntArray:
+    """Return the datagrams that the slave sent, as far as they are known here: time, kind and bytes with headers."""
+    found = session.tables.get("datagram")
+    if found is None or not {"direction", "kind", "datagram_bytes"} <= set(found):
+        return np.empty((0, 3), np.int64)
+    chosen = found["direction"] == (0 if session.side == "master" else 1)
+    chosen &= found["kind"] != int(Kind.NOTICE)  # how the scene looks, which the live page does not count either
+    datagrams = np.stack([found[name][chosen].astype(np.int64) for name in ("t_us", "kind", "datagram_bytes")], axis=1)
+    datagrams[:, 2] += UDP_IPV4_HEADER_BYTES
+    in_order: IntArray = datagrams[np.argsort(datagrams[:, 0], kind="stable")]
+    return in_order
+
+
+def _scene_of(event: Event) -> tuple[str, bool] | None:
+    """Return the scene of a session that begins with this event, and whether it is new; None if that is damaged."""
+    try:
+        grant = parse_json(event.text)["grant"]
+        return str(grant["scene"]), grant["resumed"] is False
+    except (ValueError, KeyError, TypeError):
+        return None
+
+
+def _in_words(event: Event) -> str:
+    """Return an event as its name, and the first of its texts."""
+    try:
+        fields = parse_json(event.text)
+    except ValueError:
+        fields = event.text
+    said = [each for each in fields.values() if isinstance(each, str)] if isinstance(fields, dict) else [str(fields)]
+    name = re.sub(r"(?<=[a-z])(?=[A-Z])", " ", event.name).capitalize()
+    return ": ".join([name, *said[:1]])[:LONGEST_EVENT]
+
+
+def _shapes_of(name: str, axes: int) -> list[Any]:
+    """Return how a built-in scene of bodies looks."""
+    try:
+        found = find_scene(name) if scene_file(name) is None else None
+    except HapticnetError:
+        return []
+    is_known = isinstance(found, BodySceneSettings) and found.axes == axes
+    return list(BodyScene(found.bodies, name=name).shapes()) if is_known else []  # type: ignore[union-attr]
+
+
+def _in_order(t_us: IntArray) -> IntArray:
+    """Return the rows in order of time; of rows of the same time, the last counts."""
+    steps = np.diff(t_us)
+    if np.all(steps > 0):
+        return np.arange(len(t_us))
+    order = np.argsort(t_us, kind="stable")
+    chosen: IntArray = order[np.append(np.diff(t_us[order]) > 0, True)]
+    return chosen
+
+
+def _bounded(values: FloatArray) -> FloatArray:
+    """Return values with NaN for those that no page can show."""
+    return np.where(np.abs(values) < LARGEST, values, np.nan)
+
+
+def _without_gaps(position_m: FloatArray) -> FloatArray:
+    """Return positions with the last known one in place of those that are not."""
+    for column in position_m.T:
+        known = np.isfinite(column)
+        if not known.all():
+            last = np.maximum.accumulate(np.where(known, np.arange(len(column)), 0))
+            column[:] = np.nan_to_num(column[last])
+    return position_m
+
+
+def _summed(values: npt.NDArray[Any]) -> npt.NDArray[np.uint32]:
+    return np.concatenate([[0], np.cumsum(values, dtype=np.uint32)]).astype(np.uint32)
+
+
+def together(tapes: list[Tape]) -> bool:
+    """Return whether two recordings were made at the same time and on the same clock, so that moments correspond."""
+    offsets = [each.unix_offset_us for each in tapes if each.unix_offset_us is not None]
+    overlap_us = min(int(each.t_us[-1]) for each in tapes) - max(int(each.t_us[0]) for each in tapes)
+    return len(offsets) == 2 and overlap_us > 0 and abs(offsets[0] - offsets[1]) < 5_000_000
+
+
+def difference(tapes: list[Tape], labels: str = "AB") -> str:
+    """Return in a sentence or two what the packets of one recording cost beside those of the other, and how it felt."""
+    found = [each.summary() for each in tapes]
+    named = [" then ".join(each["codecs"][:3]) or "without codec" for each in found]
+    rates = [each["packets_per_s"] for each in found]
+    when = "while a force was felt" if all(each["is_felt"] for each in found) else "over the whole recording"
+    shares = [(label, each["above_jnd"]) for label, each in zip(labels, found, strict=False)]
+    if len(tapes) == 1:
+        shares = [("", found[0]["above_jnd"])]
+        sent = (
+            ""
+            if rates[0] is None
+            else f"{named[0]} sent {_fewer(rates[0], found[0]['raw_per_s'])} sending each sample would have, {when}."
+        )
+        sent = sent[:1].upper() + sent[1:]
+    elif None in rates:
+        sent = "How many packets they sent cannot be compared, because a recording has none."
+    else:
+        pairs = [(f"{label} ({name})", rate) for label, name, rate in zip(labels, named, rates, strict=False)]
+        (few, low), (many, high) = sorted(pairs, key=lambda each: float(each[1]))
+        sent = f"{few} sent {_fewer(low, high)} {many}: {low:,.0f} against {high:,.0f} a second {when}."
+    known = [f"{name} {100 * share:.1f} %".strip() for name, share in shares if share is not None]
+    felt = f" More than one JND from the true force: {', '.join(known)} of the time." if known else ""
+    if len(known) < len(shares):
+        unknown = " and ".join(name for name, share in shares if share is None)
+        felt += f" How far the held force is from the true one is not known{' in ' * bool(unknown)}{unknown}."
+    return (sent + felt).strip()
+
+
+def _fewer(few: float, many: float) -> str:
+    if many <= 0 or round(100 * (1 - few / many), 1) <= 0:
+        return "as many packets as"
+    return f"{100 * (1 - few / many):.{0 if few / many > 0.02 else 1}f} % fewer packets than"
