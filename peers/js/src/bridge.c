@@ -4,7 +4,9 @@
  * every microsecond of 285 years. */
 #include <string.h>
 
+#include "decoder.h"
 #include "hapticnet_sealed.h"
+#include "messages.h"
 
 #define EXPORT(name) __attribute__((export_name(#name)))
 
@@ -142,3 +144,40 @@ EXPORT(slaveMaster) size_t slave_master(void)
 }
 
 EXPORT(slaveCounts) void slave_counts(void) { io.counts = hn_slave_counts(&slave); }
+
+/* What the suite of peers/conformance reaches behind the header for: the number of a master's next datagram, and a bare
+ * decoder. `text` and `numbers` are those of masterInit. */
+
+EXPORT(masterNumber) void master_number(uint32_t sequence) { master.now->sequence = sequence; }
+
+static hn_decoder decoder;
+
+EXPORT(decoderInit) bool decoder_init(unsigned parameters)
+{
+    const char *at = io.text;
+    hn_settings s = {.codec = hn_codec_named(hn_text(next_text(&at))), .axes = (unsigned)io.numbers[4]};
+    s.weber_fraction = io.numbers[0];
+    s.floor_n = io.numbers[1];
+    s.multiplier = io.numbers[2];
+    bool good = s.codec != HN_CODEC_UNKNOWN && hn_law_is_allowed(&s);
+    hn_set_defaults(&s);
+    next_text(&at);
+    for (unsigned i = 0; i < parameters; i++)
+        good = hn_set(&s, hn_text(next_text(&at)), io.numbers[5 + i]) && good;
+    hn_decoder_init(&decoder, &s);
+    return good;
+}
+
+EXPORT(decoderReceive) bool decoder_receive(size_t size, double t_us)
+{
+    return hn_decode(&decoder, (int64_t)t_us, (hn_bytes){io.data, size});
+}
+
+EXPORT(decoderApply) void decoder_apply(double t_us)
+{
+    hn_vector at;
+    memcpy(at, io.numbers, sizeof at);
+    if (hn_follows_motion(decoder.settings.codec))
+        hn_decoder_move(&decoder, (int64_t)t_us, at);
+    hn_decoder_apply(&decoder, (int64_t)t_us, io.numbers);
+}

@@ -1,12 +1,22 @@
 // The line protocol of peers/conformance/README.md, for Node and for a page: a line in, its answer out.
-import { Master, Slave } from "../dist/index.js";
+
+/** What the newest instance of the library exports, for what the package does not offer: numbers, a bare decoder. */
+let exports;
+WebAssembly.Instance = class extends WebAssembly.Instance {
+  constructor(...given) {
+    super(...given);
+    exports = this.exports;
+  }
+};
+const { Master, Slave } = await import("../dist/index.js");
 
 const CODECS = [
-  "raw", "deadband", "adaptive-predictive", "linear-predictive", "least-squares", "level-crossing", "velocity-adaptive",
-  "probabilistic", "merging",
+  "raw", "deadband", "adaptive-predictive", "linear-predictive", "least-squares", "level-crossing", "probabilistic",
+  "merging",
 ];
-const FEATURES = `language=JavaScript roles=master,slave codecs=${CODECS} slave_codecs=deadband,raw sealed=master,slave axes=3 also=-`;
-const KEYS = { codec: "codec", name: "name", axes: "axes", rate: "rateHz", weber: "weberFraction", floor: "floorN", multiplier: "multiplier" };
+const FEATURES = `language=JavaScript roles=master,slave codecs=${CODECS} slave_codecs=deadband,raw sealed=master,slave axes=3 also=sequence,decoder`;
+const ALL = { master: ["codec", "name", "axes", "rateHz", "weberFraction", "floorN", "multiplier"], slave: ["scene", "axes"] };
+const KEYS = { rate: "rateHz", weber: "weberFraction", floor: "floorN", multiplier: "multiplier" };
 
 const toHex = (bytes) => (bytes?.length ? Array.from(bytes, (byte) => byte.toString(16).padStart(2, "0")).join("") : "-");
 
@@ -37,10 +47,10 @@ function fromInt(text) {
 
 /** Return a function that answers lines. */
 export function conversation() {
-  let words = [0], drawn = words, options = null, node = null, role = null;
+  let words = [0], drawn = words, options = null, node = null, role = null, decoder = null, behind = null;
   const random32 = () => (words.length > 1 ? words.shift() : words[0]);
 
-  function start(kind, fields) {
+  function read(fields) {
     const given = { parameters: {}, random32 };
     for (const field of fields) {
       const [key, value] = field.split("=", 2);
@@ -51,8 +61,16 @@ export function conversation() {
       else if (key in KEYS) given[KEYS[key]] = fromFloat(value);
       else throw new Error(`there is no key ${key}`);
     }
+    return given;
+  }
+
+  function start(kind, fields) {
+    const given = read(fields);
+    const missing = ALL[kind].filter((key) => !(key in given));
+    if (missing.length > 0) throw new Error(`${missing} is missing`);
     const before = [...words];
     node = kind === "master" ? new Master(given) : new Slave(given);
+    behind = exports;
     [role, options, drawn] = [kind, given, before];
   }
 
@@ -64,10 +82,36 @@ export function conversation() {
     for (let i = 0; i < rest.length; i += 2) masters.push({ public: fromHex(rest[i]), ...psk(rest[i + 1]) });
     if (role === "master") node = new Master({ ...options, keys: { private: fromHex(own), slave: fromHex(rest[0]), ...psk(rest[1]) } });
     else node = new Slave({ ...options, keys: { private: fromHex(own), masters } });
+    behind = exports;
   }
 
-  const vector = (fields) => {
-    if (fields.length !== node.axes) throw new Error(`there are ${fields.length} numbers for ${node.axes} axes`);
+  function makeDecoder(fields) {
+    const given = read(fields);
+    new Master(); // an instance of its own
+    const memory = exports;
+    const names = Object.keys(given.parameters);
+    const texts = new TextEncoder().encode([given.codec, "", ...names].map((each) => `${each}\0`).join(""));
+    new Uint8Array(memory.memory.buffer, memory.text(), texts.length).set(texts);
+    const numbers = (count) => new Float64Array(memory.memory.buffer, memory.numbers(), count);
+    const law = [given.weberFraction, given.floorN, given.multiplier];
+    numbers(5 + names.length).set([...law, 0, given.axes, ...Object.values(given.parameters)]);
+    if (!memory.decoderInit(names.length)) throw new Error("there is no such decoder");
+    decoder = {
+      receive(data, nowUs) {
+        new Uint8Array(memory.memory.buffer, memory.data(), data.length).set(data);
+        return memory.decoderReceive(data.length, nowUs);
+      },
+      apply(positionM, nowUs) {
+        numbers(given.axes).set(positionM);
+        memory.decoderApply(nowUs);
+        return Array.from(numbers(given.axes));
+      },
+      axes: given.axes,
+    };
+  }
+
+  const vector = (fields, { axes } = node) => {
+    if (fields.length !== axes) throw new Error(`there are ${fields.length} numbers for ${axes} axes`);
     return fields.map(fromFloat);
   };
   const counts = () => `${node.counts.malformed} ${node.counts.stray} ${node.counts.tooOld}`;
@@ -80,6 +124,9 @@ export function conversation() {
     },
     master: (fields) => start("master", fields),
     slave: (fields) => start("slave", fields),
+    decoder: makeDecoder,
+    decode: ([now, data]) => String(Number(decoder.receive(fromHex(data), fromInt(now)))),
+    apply: ([now, ...at]) => decoder.apply(vector(at, decoder), fromInt(now)).map(toFloat).join(" "),
   };
   const of = {
     master: {
@@ -97,6 +144,7 @@ export function conversation() {
       state: () => node.state,
       reason: () => `${node.notice?.code ?? 0} ${fromText(node.notice?.text ?? "")}`,
       scene: () => fromText(node.scene),
+      sequence: ([number]) => behind.masterNumber(fromInt(number)),
     },
     slave: {
       seal,
