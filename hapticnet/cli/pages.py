@@ -133,7 +133,7 @@ def say_addresses(views: "Mapping[str, View]", access: "Access", console: "Conso
                 file = folder / f"{view}.html"
                 file.write_text(_LINK.format(url=addresses[text]), encoding="utf-8")
                 addresses[text] = (
-                    f"open {file.as_uri()} in a browser; it holds the token for {addresses[text].partition('?')[0]}"
+                    f"open {file.as_uri()} in a browser; it holds the token for {re.split('[?#]', addresses[text])[0]}"
                 )
         except OSError as error:
             raise UnavailableError(f"cannot store the page's address: {error.strerror}: {error.filename}") from error

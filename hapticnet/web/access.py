@@ -21,6 +21,7 @@ class Access:
     host: str  # this server's name in a browser
     port: int
     tokens: dict[View, str] = field(default_factory=lambda: new_tokens(VIEWS))
+    names: frozenset[str] = frozenset()  # further names, such as that of a proxy
 
     def url(self, view: View) -> str:
         """Return the address of a view."""
@@ -36,7 +37,7 @@ class Access:
             name = urlsplit(f"//{host}").hostname
         except ValueError:
             return False
-        if name in ("localhost", self.host.lower(), socket.gethostname().lower()):
+        if name in ("localhost", self.host.lower(), socket.gethostname().lower(), *self.names):
             return True
         try:
             ipaddress.ip_address(name or "")

@@ -7,7 +7,7 @@ import asyncio
 import logging
 import mimetypes
 import socket
-from collections.abc import Awaitable, Callable, Iterable
+from collections.abc import Awaitable, Callable, Iterable, Mapping
 from importlib.resources import files
 from importlib.resources.abc import Traversable
 from typing import Final
@@ -75,31 +75,42 @@ def static_files(packages: Iterable[str]) -> dict[str, tuple[bytes, str]]:
     return found
 
 
-class Server(Watcher[NodeEvent]):
-    """Serves pages while the master runs."""
+class Site:
+    """An HTTP server on an event loop: its files, and what it refuses.
 
-    name = "page"
+    `files` has contents and media type by path; `headers` are sent with each answer, and `most_bytes` is the largest
+    body of a request.
+    """
 
-    def __init__(self, page: Audience, access: Access, sock: socket.socket) -> None:
-        self._page = page
+    def __init__(
+        self,
+        access: Access,
+        sock: socket.socket,
+        files: dict[str, tuple[bytes, str]],
+        *,
+        headers: Mapping[str, str] = HEADERS,
+        most_bytes: int = 1024,
+    ) -> None:
         self._access = access
         self._sock = sock
-        self._files = static_files(page.packages)
+        self._files = files
+        self._headers = headers
+        self._most_bytes = most_bytes
         self._runner: web.AppRunner | None = None
         self._gate: Gate | None = None
         self._listener: asyncio.Server | None = None
 
     async def start(self) -> None:
         """Begin to serve."""
-        app = web.Application(middlewares=[self._guard])
-        app.on_response_prepare.append(_add_headers)
-        views = "|".join(self._page.views)
-        app.router.add_get(f"/{{view:{views}}}", self._serve_view)
+        app = web.Application(middlewares=[self._guard], client_max_size=self._most_bytes)
+        app.on_response_prepare.append(self._add_headers)
         app.router.add_get("/static/{name:.+}", self._serve_file)
-        app.router.add_get(f"/socket/{{view:{views}}}", self._serve_socket)
+        self._add_routes(app.router)
         logger = logging.getLogger("hapticnet.web")
         logger.disabled = True  # do not log unknown peers' requests, and never show a user a traceback
-        runner = web.AppRunner(app, access_log=None, logger=logger, handle_signals=False, shutdown_timeout=1.0)
+        runner = web.AppRunner(
+            app, access_log=None, logger=logger, handle_signals=False, shutdown_timeout=1.0, lingering_time=1.0
+        )
         await runner.setup()
         self._runner = runner
         assert runner.server is not None  # noqa: S101 - for the type checker: set up above
@@ -115,6 +126,9 @@ class Server(Watcher[NodeEvent]):
         if self._gate is not None:
             self._gate.close()
 
+    def _add_routes(self, router: web.UrlDispatcher) -> None:
+        """Add what it serves besides files."""
+
     @web.middleware
     async def _guard(self, request: web.Request, handler: Handler) -> web.StreamResponse:
         """Refuse requests that a foreign page may have caused."""
@@ -122,14 +136,6 @@ class Server(Watcher[NodeEvent]):
         if not self._access.is_ours(request.headers.get("Host", "")):
             raise web.HTTPMisdirectedRequest(text="This server has another name. Open the address that was printed.\n")
         return await handler(request)
-
-    async def _serve_view(self, request: web.Request) -> web.Response:
-        view = _view(request)
-        token = request.query.get("token", "")
-        if not self._access.opens(view, token):
-            text = NO_ENTRY.format(why=OF_ANOTHER_RUN if token else INCOMPLETE)
-            return web.Response(status=403, text=text, content_type="text/html", charset="utf-8")
-        return self._file(self._page.documents[view])
 
     async def _serve_file(self, request: web.Request) -> web.Response:
         name = request.match_info["name"]
@@ -141,6 +147,32 @@ class Server(Watcher[NodeEvent]):
         body, kind = self._files[name]
         charset = "utf-8" if kind.startswith("text/") or kind.endswith("javascript") else None
         return web.Response(body=body, content_type=kind, charset=charset)
+
+    async def _add_headers(self, _: web.Request, response: web.StreamResponse) -> None:
+        response.headers.update(self._headers)
+
+
+class Server(Site, Watcher[NodeEvent]):
+    """Serves pages while the master runs."""
+
+    name = "page"
+
+    def __init__(self, page: Audience, access: Access, sock: socket.socket) -> None:
+        super().__init__(access, sock, static_files(page.packages))
+        self._page = page
+
+    def _add_routes(self, router: web.UrlDispatcher) -> None:
+        views = "|".join(self._page.views)
+        router.add_get(f"/{{view:{views}}}", self._serve_view)
+        router.add_get(f"/socket/{{view:{views}}}", self._serve_socket)
+
+    async def _serve_view(self, request: web.Request) -> web.Response:
+        view = _view(request)
+        token = request.query.get("token", "")
+        if not self._access.opens(view, token):
+            text = NO_ENTRY.format(why=OF_ANOTHER_RUN if token else INCOMPLETE)
+            return web.Response(status=403, text=text, content_type="text/html", charset="utf-8")
+        return self._file(self._page.documents[view])
 
     async def _serve_socket(self, request: web.Request) -> web.StreamResponse:
         view = _view(request)
@@ -188,7 +220,3 @@ class Server(Watcher[NodeEvent]):
 
 def _view(request: web.Request) -> View:
     return "watch" if request.match_info["view"] == "watch" else "operator"
-
-
-async def _add_headers(_: web.Request, response: web.StreamResponse) -> None:
-    response.headers.update(HEADERS)
