@@ -251,7 +251,7 @@ class Adapter {
             return text_of_counts(master_->counts());
 #ifdef HAPTICNET_HAS_SEALED
         } else if (command == "seal") {
-            master_->seal(PrivateKey(key_of(fields.at(1)), key_of(fields.at(3))), key_of(fields[2]));
+            master_->seal(PrivateKey(key_of(fields.at(1)), key_of(fields.at(3))), key_of(fields.at(2)));
 #endif
         } else {
             throw Error("a master has no command '" + command + "'");
