@@ -12,6 +12,7 @@ from hapticnet.cli import (
     demo,
     device,
     doctor,
+    gallery,
     key,
     recordings,
     replay,
@@ -50,6 +51,7 @@ app = typer.Typer(
     help="Haptic teleoperation with perceptual deadband compression.",
 )
 app.command(short_help="Play the paper's conditions with a slave and a master.")(demo.demo)
+app.command(short_help="Serve five demonstrations for a talk, each one click.")(gallery.gallery)
 
 
 @app.command(short_help="Host the virtual tissues.")

@@ -31,6 +31,7 @@ EXAMPLES: Final[dict[tuple[str, ...], tuple[str, ...]]] = {
         "hapticnet demo --page",
         "hapticnet demo --insertions 1 --codec adaptive-predictive --out-dir results/mine",
     ),
+    ("gallery",): ("hapticnet gallery", "hapticnet gallery --page 127.0.0.1:8080"),
     ("slave",): (
         "hapticnet slave",
         "hapticnet slave --scene my.toml --record-dir recordings",

@@ -147,6 +147,7 @@ class CloseCode(enum.IntEnum):
     TOO_MANY_PAGES = 4503
     ANOTHER_PAGE = 4409
     MASTER_ENDED = 4410
+    NOT_STARTED = 4500
 
 
 def frame(

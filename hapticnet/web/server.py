@@ -7,6 +7,7 @@ import asyncio
 import logging
 import mimetypes
 import socket
+from abc import ABC, abstractmethod
 from collections.abc import Awaitable, Callable, Iterable, Mapping
 from importlib.resources import files
 from importlib.resources.abc import Traversable
@@ -21,7 +22,7 @@ from hapticnet.web.access import Access
 from hapticnet.web.audience import Audience
 from hapticnet.web.client import PARTING_S, Client
 from hapticnet.web.gate import Gate
-from hapticnet.web.messages import LARGEST_MESSAGE, CloseCode, View
+from hapticnet.web.messages import LARGEST_MESSAGE, VIEWS, CloseCode, View
 
 HEARTBEAT_S: Final = 5.0  # time [s] between two pings, which detect pages that have gone silently
 
@@ -152,17 +153,13 @@ class Site:
         response.headers.update(self._headers)
 
 
-class Server(Site, Watcher[NodeEvent]):
-    """Serves pages while the master runs."""
+class ViewSite(Site, ABC):
+    """A site of views, each with a token and a socket."""
 
-    name = "page"
-
-    def __init__(self, page: Audience, access: Access, sock: socket.socket) -> None:
-        super().__init__(access, sock, static_files(page.packages))
-        self._page = page
+    views: tuple[View, ...] = VIEWS  # the served views
 
     def _add_routes(self, router: web.UrlDispatcher) -> None:
-        views = "|".join(self._page.views)
+        views = "|".join(self.views)
         router.add_get(f"/{{view:{views}}}", self._serve_view)
         router.add_get(f"/socket/{{view:{views}}}", self._serve_socket)
 
@@ -172,7 +169,11 @@ class Server(Site, Watcher[NodeEvent]):
         if not self._access.opens(view, token):
             text = NO_ENTRY.format(why=OF_ANOTHER_RUN if token else INCOMPLETE)
             return web.Response(status=403, text=text, content_type="text/html", charset="utf-8")
-        return self._file(self._page.documents[view])
+        return self._file(self._document(view, request))
+
+    @abstractmethod
+    def _document(self, view: View, request: web.Request) -> str:
+        """Return the file of a view."""
 
     async def _serve_socket(self, request: web.Request) -> web.StreamResponse:
         view = _view(request)
@@ -189,15 +190,35 @@ class Server(Site, Watcher[NodeEvent]):
         if not self._access.opens(view, request.query.get("token", "")):
             await ws.close(code=CloseCode.WRONG_TOKEN, message=b"this link is not valid, or of an earlier run")
             return ws
+        if request.transport is not None and self._gate is not None:
+            self._gate.trust(request.transport)
+            await self._converse(view, request, ws)
+        return ws
+
+    @abstractmethod
+    async def _converse(self, view: View, request: web.Request, ws: web.WebSocketResponse) -> None:
+        """Exchange messages with a page that has shown its token, until its end."""
+
+
+class Server(ViewSite, Watcher[NodeEvent]):
+    """Serves pages while the master runs."""
+
+    name = "page"
+
+    def __init__(self, page: Audience, access: Access, sock: socket.socket) -> None:
+        super().__init__(access, sock, static_files(page.packages))
+        self._page = page
+        self.views = page.views
+
+    def _document(self, view: View, request: web.Request) -> str:  # noqa: ARG002
+        return self._page.documents[view]
+
+    async def _converse(self, view: View, request: web.Request, ws: web.WebSocketResponse) -> None:
         if (refusal := self._page.refusal()) is not None:
             code, reason = refusal
             await ws.close(code=code, message=reason.encode())
-            return ws
-        transport = request.transport
-        if transport is not None and self._gate is not None:
-            self._gate.trust(transport)
-            await self._talk(Client(view, ws, transport), ws)
-        return ws
+        elif request.transport is not None:
+            await self._talk(Client(view, ws, request.transport), ws)
 
     async def _talk(self, client: Client, ws: web.WebSocketResponse) -> None:
         self._page.connect(client)

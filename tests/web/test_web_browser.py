@@ -89,6 +89,33 @@ def move_and_freeze(chromium: Any, url: str) -> None:
     assert complaints == []
 
 
+def test_the_gallery_is_walked_through_by_clicks(chromium: Any):
+    gallery = Child(["gallery", "--page=127.0.0.1:0"])
+    try:
+        url = next(address_of(address_in(line)[0]) for line in gallery.lines() if "/watch.html" in line)
+        page = chromium.new_page(viewport={"width": 1280, "height": 720})
+        complaints: list[str] = []
+        page.on("console", lambda said: complaints.append(said.text))
+        page.on("pageerror", lambda error: complaints.append(str(error)))
+        page.goto(url)
+        assert page.locator("#shows a").count() == 5
+        page.get_by_role("link", name="Three tissues").click()
+        connected = page.locator("#link-state").filter(has_text="Connected")
+        connected.wait_for()
+        page.get_by_role("link", name="Everything sent").click()
+        page.locator("#codec-help").filter(has_text="Every force is sent").wait_for()
+        assert page.get_by_role("link", name="Everything sent").get_attribute("aria-current") == "true"
+        page.get_by_role("link", name="Next: A force that comes late").click()
+        page.get_by_role("heading", name="2 of 5: A force that comes late").wait_for()
+        page.get_by_role("link", name="All demonstrations").click()
+        page.locator("#shows a").first.wait_for()
+        assert complaints == []
+        page.close()
+    finally:
+        gallery.end()
+    assert [pid for pid in descendants(os.getpid()) if b"hapticnet\0" in command_line(pid)] == []
+
+
 def command_line(pid: int) -> bytes:
     try:
         return Path(f"/proc/{pid}/cmdline").read_bytes()

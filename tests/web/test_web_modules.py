@@ -139,8 +139,8 @@ def test_the_time_of_the_plot_runs_evenly_although_messages_do_not(run_module):
         ("handWords('page', 'another', 'live')", "Another page moves the needle"),
         ("linkState('stale').join(' ')", "warn Link stale"),
         (
-            "firstSentence({ known: true, axes: 1, tissues: [{}] }, '')",
-            "A needle, elsewhere on the network, enters one layer of tissue; it pushes back until it breaks.",
+            "firstSentence({ known: true, axes: 1, tissues: [{ name: 'wall' }] }, '')",
+            "A needle, elsewhere on the network, enters one layer of tissue (wall); it pushes back until it breaks.",
         ),
         (
             "firstSentence({ axes: 2, name: 'mujoco:m', parts: ['force@a', 'grip'] }, 'a box').replace(/, as.*ws/, '')",

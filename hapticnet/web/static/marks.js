@@ -113,7 +113,7 @@ export function drawRuler(context, scene, wantedM) {
     context.lineTo(left + 12, scene.y(wantedM));
     context.stroke();
   }
-  drawTip(context, scene, left, tipY, colour);
+  drawTip(context, scene, left, Math.min(scene.height - 11, Math.max(11, tipY)), colour); // also of a tip out of sight
 }
 
 function drawTip(context, scene, left, y, colour) {

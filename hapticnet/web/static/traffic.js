@@ -1,14 +1,13 @@
-// The tiles: packets and bytes of the feedback beside what the same would cost uncompressed.
+// The tiles: packets and bytes of the feedback beside what the same would cost uncompressed, and how wrong it feels.
 
 import { bytes, count, joules, percent, signed } from "./words.js";
 
 export function showTraffic(state) {
   const { feedback, forward } = state;
   tile("tile-packets", count(feedback.packets_per_s), "/s", ratio(feedback.packets_per_s, feedback.raw_packets_per_s),
-    `of ${count(feedback.raw_packets_per_s)} uncompressed`);
-  const [size, unit] = bytes(feedback.bytes_per_s);
-  tile("tile-bytes", size, `${unit}/s`, ratio(feedback.bytes_per_s, feedback.raw_bytes_per_s),
-    `of ${bytes(feedback.raw_bytes_per_s).join(" ")} uncompressed`);
+    `of ${count(feedback.raw_packets_per_s)}`);
+  const [[size, unit], [raw, rawUnit]] = [bytes(feedback.bytes_per_s), bytes(feedback.raw_bytes_per_s)];
+  text("bytes", `${size} ${unit === rawUnit ? "" : `${unit} `}of ${raw} ${rawUnit}/s`);
   const left = ratio(feedback.packets, feedback.raw_packets);
   const leftBytes = ratio(feedback.bytes, feedback.raw_bytes);
   tile("tile-saved", left === null ? "–" : percent(Math.max(0, 1 - left)), "%", left === null ? null : 1 - left,
@@ -35,10 +34,12 @@ function showEnergy(port) {
 
 /** How far the held force was from the true one at the same moment, over the seconds shown. */
 function showFelt(felt) {
-  text("felt", felt ? `Noticeably wrong: ${percent(felt.exceed_jnd_fraction)} %` : "");
+  const box = document.getElementById("tile-felt");
+  box.hidden = !felt;
   if (!felt) return;
+  tile("tile-felt", percent(felt.exceed_jnd_fraction), "%", felt.exceed_jnd_fraction);
   const shares = [1, 2, 4, 8].map((jnds) => felt[jnds === 1 ? "exceed_jnd_fraction" : `above_${jnds}_jnd_fraction`]);
-  document.getElementById("felt").title = "Held force beside the true one, over the seconds shown: above 1, 2, 4 and 8 JND "
+  box.title = "Held force beside the true one, over the seconds shown: above 1, 2, 4 and 8 JND "
     + `${shares.map((share) => `${percent(share)} %`).join(", ")} of the time; RMSE ${felt.rmse_n.toFixed(2)} N, `
     + `99 % within ${felt.p99_error_n.toFixed(2)} N, largest ${felt.max_error_n.toFixed(2)} N`;
 }

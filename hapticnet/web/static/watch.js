@@ -1,6 +1,7 @@
 // The watch view: everything there is to see, and the settings.
 
 import { Clock } from "./clock.js";
+import { isInGallery, showDemonstration } from "./demonstration.js";
 import { History } from "./history.js";
 import { ForcePlot, LINES } from "./plot.js";
 import { Rumble, Vibration, WHAT_IT_IS_NOT, strengthOf } from "./rumble.js";
@@ -32,6 +33,8 @@ let law = null; // multiplier, weber_fraction, floor_n of the newest state
 let person = null; // the newest state, whose weber_fraction and floor_n are the person's even where nothing is compressed
 let plot = null;
 let legendMs = 0;
+
+if (isInGallery) showDemonstration(byId("demonstration"));
 
 const stage = new Stage("watch", {
   hello: configure,
@@ -68,7 +71,7 @@ function configure(hello) {
   settings.configure(hello);
   settings.enable(true);
   const link = byId("operator-link");
-  link.hidden = !hello.operator_url;
+  link.hidden = !hello.operator_url || isInGallery; // its address is of this machine alone
   if (hello.operator_url) link.href = hello.operator_url;
   document.querySelector('[data-line="sensed"]').hidden = hello.device === null;
   plot.show("sensed", hello.device !== null && shown.get("sensed"));

@@ -89,7 +89,8 @@ export function spaceWords(tipM, forceN) {
   return `Tool at ${place} millimetres${Number.isFinite(forceN) ? `, ${forceN.toFixed(1)} newtons` : ""}`;
 }
 
-const SOLIDS = ["one axis", "two axes", "three axes"];
+const MOST_NAMES = 3;
+const WHERE = ["one axis", "two axes", "three axes"];
 
 /**
  * The first sentence for somebody who sees the page: what there is, and what it does.
@@ -99,11 +100,13 @@ const SOLIDS = ["one axis", "two axes", "three axes"];
 export function firstSentence({ known, axes, tissues, name, parts = [] }, shapes) {
   const others = parts.length > 1 ? ` It has ${parts.length} parts; you see the first, ${parts[0]}.` : "";
   if (known && axes === 1) {
-    const layers = tissues.length === 1 ? "one layer of tissue; it" : `${tissues.length} layers of tissue; each`;
+    const named = tissues.map((each) => each.name).filter((each) => each && !/^tissue \d+$/.test(each));
+    const names = named.length && named.length <= MOST_NAMES ? ` (${named.join(", ")})` : "";
+    const layers = tissues.length === 1 ? `one layer of tissue${names}; it` : `${tissues.length} layers of tissue${names}; each`;
     return `A needle, elsewhere on the network, enters ${layers} pushes back until it breaks.${others}`;
   }
   const model = name?.startsWith("mujoco:") ? " of a MuJoCo model" : "";
-  const tool = `A tool, elsewhere on the network, moves on ${SOLIDS[axes - 1]}`;
+  const tool = `A tool, elsewhere on the network, moves on ${WHERE[axes - 1]}`;
   return (shapes ? `${tool} among ${shapes}${model}; what it touches pushes back, as the arrow shows.`
     : `${tool}, in a scene that does not say how it looks: you see the tool, its path and the force on it.`) + others;
 }

@@ -1,0 +1,81 @@
+"""``hapticnet gallery``: the demonstrations for a talk, each one click in a browser."""
+
+import asyncio
+import signal
+from typing import TYPE_CHECKING
+
+from hapticnet import options
+
+if TYPE_CHECKING:
+    from hapticnet.web.gallery import Demonstration, Gallery
+
+
+def gallery(page: options.Page = None, quiet: options.Quiet = False) -> None:
+    """Serve five demonstrations for a talk, each one click in a browser, until Ctrl-C.
+
+    Each starts when somebody opens it, one at a time, and ends when nobody watches it for 20 s.
+    """
+    from hapticnet.cli.console import Console
+    from hapticnet.cli.pages import listen_for, say_addresses
+    from hapticnet.runtime.system import run
+
+    console = Console("gallery", quiet=quiet)
+    sock, access = listen_for(page, ("watch",), console)
+    from hapticnet.web.gallery import Gallery
+
+    say_addresses({"gallery: ": "watch"}, access, console)
+    console.say("open this address in a browser; press Ctrl-C to end")
+    run(_serve(Gallery(access, sock, Shown, console.warn)))
+    console.say("ended")
+
+
+async def _serve(gallery: "Gallery") -> None:
+    """Serve it until a signal."""
+    ended = asyncio.Event()
+    for number in (signal.SIGINT, signal.SIGTERM):
+        asyncio.get_running_loop().add_signal_handler(number, ended.set)
+    await gallery.start()
+    try:
+        await ended.wait()
+    finally:
+        await gallery.stop()
+
+
+class Shown:
+    """A demonstration in processes of its own: a slave, and a master with a page.
+
+    Raises UnavailableError if one of them does not start.
+    """
+
+    def __init__(self, wanted: "Demonstration") -> None:
+        from hapticnet.cli.pages import address_in, address_of
+        from hapticnet.errors import UnavailableError
+        from hapticnet.runtime.processes import Child
+        from hapticnet.runtime.udp import HostPort, bound_address, listen
+
+        with listen(HostPort("127.0.0.1", 0)) as sock:  # a free port, so that both can start at once
+            place = str(bound_address(sock))
+        ours = ["--connect", place, "--name", "gallery", "--page=127.0.0.1:0"]
+        master = Child(["master", *ours, *wanted.master])
+        slave = Child(["slave", "--listen", place, *wanted.slave])
+        self._children = master, slave
+        try:
+            slave.address()
+            found = (address_in(line)[0] for line in master.lines())
+            file = next((each for each in found if each.endswith("/watch.html")), None)
+            if file is None:
+                master.finish()  # it says why it has failed
+                raise UnavailableError("the master has ended")
+            self.url = address_of(file)  # of its page, with the token
+        except BaseException:
+            self.end()
+            raise
+
+    def has_ended(self) -> bool:
+        """Return whether one of the processes has ended."""
+        return any(child.poll() for child in self._children)
+
+    def end(self) -> None:
+        """End both."""
+        for child in self._children:
+            child.end()

@@ -1,0 +1,158 @@
+"""The gallery: its index, and the page of a demonstration beside a real master."""
+
+import asyncio
+import json
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
+from typing import Any
+
+from aiohttp import WSMsgType
+
+from hapticnet.cli.given import MasterOptions, SlaveOptions
+from hapticnet.errors import UnavailableError
+from hapticnet.runtime.udp import HostPort
+from hapticnet.web.access import listen_for_pages
+from hapticnet.web.gallery import Demonstration, Gallery, demonstrations
+from hapticnet.web.messages import CloseCode
+from hapticnet.web.server import static_files
+from tests.web.rig import Client, Rig, played, rig, until
+
+
+class Shown:
+    """A demonstration whose master is that of a rig."""
+
+    def __init__(self, url: str, wanted: Demonstration) -> None:
+        self.url, self.wanted, self.is_over = url, wanted, False
+
+    def has_ended(self) -> bool:
+        return self.is_over
+
+    def end(self) -> None:
+        self.is_over = True
+
+
+class Theatre:
+    """A gallery beside a rig, and what it started."""
+
+    def __init__(self, around: Rig, *, unwatched_s: float = 30.0) -> None:
+        sock, self.access = listen_for_pages(HostPort("127.0.0.1", 0))
+        self.around, self.started, self.said, self.fault = around, list[Shown](), list[str](), ""
+        self.gallery = Gallery(self.access, sock, self.start, self.said.append, unwatched_s=unwatched_s)
+
+    def start(self, wanted: Demonstration) -> Shown:
+        if self.fault:
+            raise UnavailableError(self.fault)
+        self.started.append(Shown(self.around.access.url("watch"), wanted))
+        return self.started[-1]
+
+    def socket(self, query: str, token: str | None = None) -> Any:
+        place = f"http://{self.access.host}:{self.access.port}"
+        address = f"{place}/socket/watch?token={token or self.access.tokens['watch']}&{query}"
+        return self.around.http.ws_connect(address, headers={"Origin": place})
+
+    @asynccontextmanager
+    async def visit(self, query: str) -> AsyncIterator[Client]:
+        async with self.socket(query) as socket:
+            client = Client(socket)
+            reader = asyncio.ensure_future(client.read())
+            try:
+                yield client
+            finally:
+                reader.cancel()
+
+    async def end_of(self, query: str, token: str | None = None) -> tuple[int, str]:
+        """Return code and reason with which a page is sent away."""
+        async with self.socket(query, token) as socket:
+            while (message := await socket.receive()).type is not WSMsgType.CLOSE:
+                pass
+            return message.data, message.extra
+
+
+@asynccontextmanager
+async def theatre(**settings: float) -> AsyncIterator[Theatre]:
+    async with rig() as around:
+        made = Theatre(around, **settings)
+        await made.gallery.start()
+        try:
+            yield made
+        finally:
+            await made.gallery.stop()
+
+
+@played
+async def test_a_click_starts_a_demonstration_whose_page_moves_its_needle():
+    async with theatre() as house, house.visit("show=2&variant=1") as page, house.visit("show=2&variant=1") as other:
+        assert (await page.hear("hello"))["view"] == "watch"
+        await page.say("take")
+        await page.hear("hand", holder="you")
+        await page.move(0.025)
+        await until(lambda: page.frames[-1]["tip_m"] > 0.005)
+        await other.hear("hand", holder="another")
+        assert [each.wanted for each in house.started] == [demonstrations()["2", "1"]]
+    assert house.started[0].is_over
+
+
+@played
+async def test_another_demonstration_ends_the_first_and_says_so():
+    async with theatre() as house:
+        first = asyncio.ensure_future(house.end_of("show=1"))
+        await until(lambda: len(house.started) == 1)
+        async with house.visit("show=3") as second:
+            await second.hear("hello")
+            assert [each.is_over for each in house.started] == [True, False]
+            house.around.stop.set()  # the master of both is the rig's
+            assert await first == (CloseCode.MASTER_ENDED, "another demonstration was started")
+            await until(lambda: second.closed)
+            assert second.socket.close_code == CloseCode.MASTER_ENDED
+
+
+@played
+async def test_nobody_watches_and_the_demonstration_ends():
+    async with theatre(unwatched_s=0.1) as house:
+        async with house.visit("show=1") as page:
+            await page.hear("hello")
+            await asyncio.sleep(0.2)
+            assert not house.started[0].is_over
+        await until(lambda: house.started[0].is_over)
+        async with house.visit("show=1") as page:
+            await page.hear("hello")
+        assert len(house.started) == 2
+
+
+@played
+async def test_a_start_that_fails_is_one_line_on_the_page_and_at_the_terminal():
+    async with theatre() as house:
+        house.fault = "'hapticnet slave' failed (1); it said: " + "é" * 200
+        code, reason = await house.end_of("show=1")
+        assert code == CloseCode.NOT_STARTED
+        assert reason.startswith("the demonstration cannot be started: 'hapticnet slave' failed (1)")
+        assert house.said == [f"demonstration 1 cannot be started: {house.fault}"]
+        house.fault = ""
+        assert (await house.end_of("show=0"))[0] == CloseCode.NOT_STARTED
+        assert (await house.end_of("show=1", "wrong"))[0] == CloseCode.WRONG_TOKEN
+        async with house.visit("show=1") as page:
+            await page.hear("hello")
+
+
+@played
+async def test_the_index_and_the_pages_have_one_address_and_one_token():
+    async with theatre() as house:
+        url = house.access.url("watch")
+        for query, expected in (("", 'id="shows"'), ("&show=1", 'id="plot"')):
+            async with house.around.http.get(url + query) as answer:
+                assert expected in await answer.text()
+        async with house.around.http.get(f"{url}x&show=1") as answer:
+            assert answer.status == 403
+
+
+def test_every_demonstration_has_options_that_there_are_a_picture_and_words():
+    for wanted in demonstrations().values():
+        for given, kind in ((wanted.slave, SlaveOptions), (wanted.master, MasterOptions)):
+            names = {each.removeprefix("--").replace("-", "_") for each in given if each.startswith("--")}
+            assert names <= set(kind.__dataclass_fields__)
+    files = static_files(("hapticnet.web",))
+    shows = json.loads(files["gallery.json"][0])
+    assert len(shows) == 5
+    for each in shows:
+        assert each["picture"] in files
+        assert all(each[key] for key in ("title", "sentence", "try"))
