@@ -1,9 +1,27 @@
-// Bundle the package into dist/: the library as base64, the primitives of sealed sessions, one file of declarations.
+// Bundle the package into dist/: the library as text, and the primitives of sealed sessions.
 import { readFileSync, writeFileSync } from "node:fs";
 import { deflateSync } from "node:zlib";
 import { build } from "esbuild";
 
-writeFileSync("build/hapticnet.wasm.z", deflateSync(readFileSync("build/hapticnet.wasm"), { level: 9 }));
+/**
+ * Write four bytes as five characters of base 85, '#' to 'x' but no backslash: it is shorter than base64. The first
+ * character says how many bytes at the end are padding, of which a browser would complain.
+ */
+function encode(bytes) {
+  const padded = Buffer.concat([bytes, Buffer.alloc(-bytes.length & 3)]);
+  let text = String(padded.length - bytes.length);
+  for (let at = 0; at < padded.length; at += 4) {
+    let five = "";
+    for (let left = padded.readUInt32BE(at), i = 0; i < 5; i++, left = Math.floor(left / 85)) {
+      const code = 35 + (left % 85);
+      five = String.fromCharCode(code < 92 ? code : code + 1) + five;
+    }
+    text += five;
+  }
+  return text;
+}
+
+writeFileSync("build/hapticnet.wasm.txt", encode(deflateSync(readFileSync("build/hapticnet.wasm"), { level: 9 })));
 await build({
   entryPoints: ["src/index.ts"],
   outfile: "dist/index.js",
@@ -11,7 +29,6 @@ await build({
   minify: true,
   format: "esm",
   target: "es2022",
-  loader: { ".z": "base64" },
   legalComments: "eof",
   logLevel: "warning",
 });

@@ -1,5 +1,5 @@
-/** A file that esbuild includes as base64. */
-declare module "*.z" {
-  const base64: string;
-  export default base64;
+/** A file that esbuild includes as text. */
+declare module "*.txt" {
+  const text: string;
+  export default text;
 }

@@ -1,5 +1,5 @@
 /** The C library as WebAssembly: each master or slave is an instance of its own. */
-import packed from "../build/hapticnet.wasm.z";
+import packed from "../build/hapticnet.wasm.txt";
 import { primitives } from "./crypto.js";
 
 /** Largest datagram of the protocol [bytes]. */
@@ -52,9 +52,22 @@ export interface Counts {
   readonly tooOld: number;
 }
 
+/** Read what `build.mjs` wrote in base 85. */
+function unpack(text: string): ArrayBuffer {
+  const bytes = new DataView(new ArrayBuffer(((text.length - 1) / 5) * 4));
+  for (let i = 0; i < bytes.byteLength; i += 4) {
+    let number = 0;
+    for (let at = 1 + (i / 4) * 5, end = at + 5; at < end; at++) {
+      const code = text.charCodeAt(at);
+      number = 85 * number + code - (code > 92 ? 36 : 35);
+    }
+    bytes.setUint32(i, number);
+  }
+  return bytes.buffer.slice(0, bytes.byteLength - Number(text[0]));
+}
+
 async function compile(): Promise<WebAssembly.Module> {
-  const bytes = Uint8Array.from(atob(packed), (letter) => letter.charCodeAt(0));
-  const stream = new Blob([bytes]).stream().pipeThrough(new DecompressionStream("deflate"));
+  const stream = new Blob([unpack(packed)]).stream().pipeThrough(new DecompressionStream("deflate"));
   return WebAssembly.compile(await new Response(stream).arrayBuffer());
 }
 
