@@ -30,6 +30,10 @@ test: system-packages chromium promtool check
 	$(BIN)/pytest -n 2
 	$(MAKE) test-compiled
 
+# What each peer in another language agrees on: runs their suite and writes the table of peers/README.md.
+conformance: $(VENV)/installed-dev
+	PYTHONPATH=peers $(BIN)/python -m conformance.table
+
 # The core compiled ahead of time, in a copy, so that the checkout stays plain Python: the same bytes on the wire, and
 # the same figures. Tests marked `plain` replace parts of the core, which compiled code does not let them.
 COPY := build/compiled

@@ -1,13 +1,14 @@
 """A session in virtual time: hapticnet's master, a network, and a slave, of hapticnet or of a peer."""
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Final
 
 import msgpack
 import numpy as np
 
+from conformance import golden
 from conformance.child import Child, read_float, read_hex, write_floats, write_hex
 from conformance.script import Line, Recorder, master_line, random_line, seal_fields
 from hapticnet.channel.emulator import Emulator
@@ -144,6 +145,47 @@ def listed(own: PrivateKey, masters: Sequence[MasterEntry]) -> str:
     """Return the keys of a slave, as the command `seal` has them."""
     pairs = (f"{each.public.hex()} {'-' if each.psk == NO_PSK else each.psk.hex()}" for each in masters)
     return " ".join([own.private.hex(), *pairs])
+
+
+class Drawn:
+    """A source of numbers that are all the same."""
+
+    def integers(self, low: int, high: int, /) -> int:
+        return 0x01020304
+
+
+def felt_vectors() -> Iterator[tuple[str, str, list[Line]]]:
+    """Return name, codec and script of each case of codecs.json, whose payloads arrive in a session."""
+    number = golden.SESSION
+    for case in golden.read("codecs")["cases"]:
+        hand, rate_hz = Hand(case["axes"]), 1000.0
+        hand.sample = lambda _, hand=hand: hand.position_m  # type: ignore[method-assign, misc]
+        law = WeberLaw(**{name: case[name] for name in golden.LAW})
+        settings = MasterSettings(
+            codec=case["codec"], parameters=case["parameters"], law=law, rate_hz=rate_hz, name="vectors"
+        )
+        node = MasterNode(UserOperator(hand), None, settings, Drawn())
+        first = [Line("random 01020304"), master_line(node, case["axes"], {"rate_hz": rate_hz, "name": "vectors"})]
+        recorder = Recorder(node, hand, first)
+        begin_us = case["samples"][0][0] - 2000
+        recorder.tick(begin_us)
+        recorder.datagrams_to_send()
+        recorder.receive_datagram(bytes.fromhex(golden.datagrams()["welcome"]), begin_us + 100)
+        for sequence, (t_us, _, position_m, payload, arrives, _) in enumerate(case["samples"], 1):
+            hand.position_m = tuple(position_m)
+            recorder.tick(t_us)
+            recorder.datagrams_to_send()
+            if arrives:
+                body = msgpack.packb([t_us % 2**32, bytes.fromhex(payload)])
+                recorder.receive_datagram(msgpack.packb([OPEN, Kind.FORCE, number, sequence, body]), t_us)
+            recorder.drive(t_us)
+        for t_us, position_m, _ in case["later"]:
+            hand.position_m = tuple(position_m)
+            recorder.tick(t_us)
+            recorder.datagrams_to_send()
+            recorder.drive(t_us)
+        recorder.note()
+        yield case["name"], case["codec"], recorder.lines
 
 
 class Session:
