@@ -5,7 +5,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 APT := $(if $(filter 0,$(shell id -u)),,sudo )apt-get
 
-.PHONY: help demo test test-compiled fast plain wheel check site docker-check bench bench-quick peer-packages run-figure simulator lock chromium promtool clean system-packages
+.PHONY: help conformance demo test test-compiled fast plain wheel check site docker-check bench bench-quick peer-packages run-figure simulator lock chromium promtool clean system-packages
 .DEFAULT_GOAL := help
 
 help:
@@ -17,6 +17,7 @@ help:
 	@echo 'make fast           compile the core in place (mypyc, two minutes); make plain removes that again'
 	@echo 'make wheel          build a wheel with the compiled core in dist/'
 	@echo 'make docker-check   build the image and play every scenario of docker/ (needs a Docker engine)'
+	@echo 'make conformance    run the suite of peers/ and write its table'
 	@echo 'make bench          run every benchmark (45 minutes on a quiet machine) and write docs/benchmarks'
 	@echo 'make bench-quick    try every benchmark in five minutes, and write nothing'
 	@echo 'make run-figure     draw docs/figures/run.png, the run in the README'

@@ -150,7 +150,7 @@ def listed(own: PrivateKey, masters: Sequence[MasterEntry]) -> str:
 class Drawn:
     """A source of numbers that are all the same."""
 
-    def integers(self, low: int, high: int, /) -> int:
+    def integers(self, _low: int, _high: int, /) -> int:
         return 0x01020304
 
 

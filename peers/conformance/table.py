@@ -1,7 +1,7 @@
 """The table of peers/README.md: what each peer has, and what agreed when the suite ran.
 
-python -m conformance.table, with peers/ in the path: run the suite, write results.json and the table (make conformance).
-python -m conformance.table --render: write the table only, from results.json.
+make conformance (python -m conformance.table, with peers/ in the path) runs the suite and writes results.json and the table.
+With --render: write the table only, from results.json.
 """
 
 import json
