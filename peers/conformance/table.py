@@ -1,6 +1,6 @@
 """The table of peers/README.md: what each peer has, and what agreed when the suite ran.
 
-make conformance (python -m conformance.table, with peers/ in the path) runs the suite and writes results.json and the table.
+make conformance runs the suite, and writes results.json and the table.
 With --render: write the table only, from results.json.
 """
 
