@@ -90,6 +90,7 @@ export class Core {
 
   /** Give the library a datagram; return its size. One that is too long is cut, so that it is dropped and counted. */
   putDatagram(data: Uint8Array): number {
+    if (!(data instanceof Uint8Array)) throw new TypeError("the datagram must be a Uint8Array");
     const size = Math.min(data.length, DATAGRAM_BYTES + 1);
     this.#bytes(this.call.data(), size).set(data.subarray(0, size));
     return size;
@@ -110,9 +111,7 @@ export class Core {
   /** Give the library a reason for an end. */
   putReason(reason: string): void {
     const at = this.#bytes(this.call.data(), DATAGRAM_BYTES);
-    const { written } = new TextEncoder().encodeInto(reason, at.subarray(1));
-    at.copyWithin(0, 1, 1 + written);
-    at[written] = 0;
+    at[new TextEncoder().encodeInto(reason, at.subarray(0, -1)).written] = 0;
   }
 
   putNumbers(numbers: readonly number[]): void {

@@ -8,7 +8,7 @@ export interface Channel {
   binaryType: string;
   readonly readyState: string;
   readonly bufferedAmount: number;
-  send(data: Uint8Array<ArrayBuffer>): void;
+  send(data: ArrayBuffer): void;
   addEventListener(kind: "message", listener: (event: { data: unknown }) => void): void;
 }
 
@@ -18,7 +18,7 @@ export function overChannel(channel: Channel): Transport {
     onmessage: null,
     send(data) {
       if (channel.readyState === "open" && channel.bufferedAmount < MOST_HELD_BACK)
-        channel.send(data as Uint8Array<ArrayBuffer>);
+        channel.send(data.slice().buffer as ArrayBuffer);
     },
   };
   channel.binaryType = "arraybuffer";

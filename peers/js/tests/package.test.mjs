@@ -117,6 +117,10 @@ test("an error is one sentence that says what was wrong and what would be right"
   for (const [call, sentence] of WRONG) assert.throws(call, { name: "RangeError", message: sentence });
 });
 
+test("a datagram that is no Uint8Array is an error", () => {
+  assert.throws(() => new Master().receive(new ArrayBuffer(3), 0), { message: "the datagram must be a Uint8Array" });
+});
+
 test("an error does not show a key", () => {
   const own = newKey();
   const hidden = (call) =>
@@ -172,7 +176,7 @@ test("a data channel loses what it cannot send at once", () => {
   const channel = {
     readyState: "connecting",
     bufferedAmount: 0,
-    send: (data) => sent.push(data),
+    send: (data) => sent.push(new Uint8Array(data)),
     addEventListener: (_, listener) => (channel.hear = listener),
   };
   const transport = overChannel(channel);

@@ -85,9 +85,12 @@ def test_the_example_of_a_master_feels_the_scene_of_a_slave_of_hapticnet(package
 
 
 def test_the_length_of_each_example_is_in_the_readme(package: Path):
+    readme = (package / "README.md").read_text()
+    for said, block in re.findall(r"\((\d+) lines\):\n\n```ts\n(.*?)```", readme, re.S):
+        assert int(said) == sum(line.strip() != "" for line in block.splitlines())
     for example in sorted((package / "examples").iterdir()):
         lines = len(example.read_text().splitlines())
-        assert f"(examples/{example.name}) ({lines} lines)" in (package / "README.md").read_text()
+        assert f"(examples/{example.name}) ({lines} lines)" in readme
 
 
 def blocks(package: Path) -> list[str]:
