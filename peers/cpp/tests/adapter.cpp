@@ -105,18 +105,26 @@ class Adapter {
     }
 
   private:
+    // Whether a master may ask for a codec. hapticnet's also bounds the force of velocity-adaptive, so they differ there.
+    static bool has(const std::string &codec)
+    {
+        try {
+            Request request;
+            request.codec = codec;
+            Master master(request);
+            return codec != "velocity-adaptive";
+        } catch (const Error &) {
+            return false;
+        }
+    }
+
     static std::string features()
     {
         std::string codecs;
-#define TRY(symbol, name) \
-    try { \
-        Request request; \
-        request.codec = name; \
-        Master master(request); \
-        codecs += (codecs.empty() ? "" : ",") + request.codec; \
-    } catch (const Error &) { \
-    }
-        HN_CODECS(TRY)
+#define NAME_OF(symbol, name) name,
+        for (const std::string codec : {HN_CODECS(NAME_OF)})
+            if (has(codec))
+                codecs += (codecs.empty() ? "" : ",") + codec;
 #ifdef HAPTICNET_HAS_SEALED
         const std::string sealed = "master,slave";
 #else
@@ -148,6 +156,8 @@ class Adapter {
     std::string make_master(const Fields &fields)
     {
         Request request;
+        if (fields.size() < 8)
+            throw Error("a key of master is missing");
         for (std::size_t i = 1; i < fields.size(); i++) {
             const auto equals = fields[i].find('=');
             const std::string key = fields[i].substr(0, equals);
@@ -182,6 +192,8 @@ class Adapter {
     {
         std::string scene;
         long long axes = 1;
+        if (fields.size() != 3)
+            throw Error("slave has two keys, scene and axes");
         for (std::size_t i = 1; i < fields.size(); i++) {
             if (fields[i].rfind("scene=", 0) == 0)
                 scene = string_of(fields[i].substr(6));

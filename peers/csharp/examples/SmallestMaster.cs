@@ -1,0 +1,48 @@
+// A master that moves in and out of a scene for five seconds, and prints what a hand would feel.
+// First: hapticnet slave --scene paper. Then: SmallestMaster.exe [HOST [PORT [SECONDS]]]
+using System;
+using System.Threading;
+using Hapticnet;
+
+internal sealed class Needle : IHand
+{
+    private readonly double _seconds;
+    private int _tick;
+
+    internal Needle(double seconds) => _seconds = seconds;
+
+    public void Read(double[] positionM)
+    {
+        positionM[0] = 0.015 * (1.0 - Math.Cos(2.0 * Math.PI * _tick++ * 1e-3 / _seconds));
+    }
+
+    public void Apply(double[] forceN)
+    {
+        if (_tick % 100 == 1)
+            Console.WriteLine("tick {0}: {1:0.00} N", _tick, forceN[0]); // where a device would be pushed
+    }
+}
+
+internal static class SmallestMaster
+{
+    private static int Main(string[] arguments)
+    {
+        string host = arguments.Length > 0 ? arguments[0] : "127.0.0.1";
+        int port = arguments.Length > 1 ? int.Parse(arguments[1]) : 47800;
+        double seconds = arguments.Length > 2 ? double.Parse(arguments[2]) : 5.0;
+        try
+        {
+            using (var link = new MasterLink(host, port, new Request { Name = "smallest" }, new Needle(seconds)))
+            {
+                Thread.Sleep((int)(seconds * 1e3));
+                Console.WriteLine("{0} {1} {2}", link.State, link.Scene, link.Reason);
+            }
+        }
+        catch (HapticException error)
+        {
+            Console.Error.WriteLine(error.Message);
+            return 2;
+        }
+        return 0;
+    }
+}

@@ -1,0 +1,201 @@
+"""The C# binding under mono: examples, links in real time, Unity's life cycle with stand-ins, and the package."""
+
+import json
+import os
+import re
+import shutil
+import socket
+import subprocess
+import sys
+from contextlib import contextmanager
+from pathlib import Path
+
+import pytest
+
+from hapticnet.protocol.key_files import dump_master, write_key
+from hapticnet.protocol.keys import format_key
+from tests.peers import ENTRY, MASTER, SLAVE
+
+HERE = Path(__file__).parents[1]
+PACKAGE = HERE / "Hapticnet"
+README = HERE / "README.md"
+LINES = 50
+PROGRAMS = ("SmallestMaster", "SmallestSlave", "Life", "Steady", "Wrong")
+
+
+@pytest.fixture(scope="session")
+def built(tmp_path_factory):
+    missing = [tool for tool in ("mcs", "mono", "gcc", "make") if shutil.which(tool) is None]
+    if missing and os.environ.get("CI"):
+        pytest.fail(f"{', '.join(missing)} missing; CI must have it")
+    if missing:
+        pytest.skip(f"{', '.join(missing)} missing")
+    folder = tmp_path_factory.mktemp("csharp")
+    targets = [f"{folder}/{name}.exe" for name in PROGRAMS]
+    done = subprocess.run(["make", "-s", "-C", HERE, f"BUILD={folder}", *targets], capture_output=True, text=True)
+    assert (done.returncode, done.stderr) == (0, ""), done.stderr + done.stdout
+    return folder
+
+
+@contextmanager
+def running_slave(*options):
+    """Run a slave of hapticnet, and give its port."""
+    command = [sys.executable, "-m", "hapticnet", "slave", "--scene", "paper", "--listen", "127.0.0.1:0", *options]
+    with subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True) as process:
+        ports = (re.search(r"listening on 127\.0\.0\.1:(\d+)", line) for line in process.stderr)
+        try:
+            yield next(port[1] for port in ports if port)
+        finally:
+            process.terminate()
+
+
+@contextmanager
+def taken_port():
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as taken:
+        taken.bind(("127.0.0.1", 0))
+        yield str(taken.getsockname()[1])
+
+
+def run(folder, program, *arguments, **environment):
+    """Return how a program ended, and what it wrote."""
+    command = ["mono", f"{folder}/{program}.exe", *map(str, arguments)]
+    return subprocess.run(command, capture_output=True, text=True, timeout=60, env=os.environ | environment)
+
+
+def check_life(said):
+    """Check what a HapticMaster wrote that went 30 mm into the paper's scene and back, to the right of the world."""
+    steps = [tuple(map(float, step)) for step in re.findall(r"^([\d.]+) mm (\S+) (\S+) (\S+) N$", said, re.MULTILINE)]
+    assert len(steps) >= 20
+    assert all(abs(x) < 0.1 for depth, x, y, z in steps if depth < 5.0)
+    assert min(x for _, x, _, _ in steps) < -3.0  # it pushes out
+    assert max(x for _, x, _, _ in steps) < 0.1
+    assert {(y, z) for _, _, y, z in steps} == {(0.0, 0.0)}
+    assert "log HapticMaster: established paper" in said
+    assert "error" not in said
+    assert said.splitlines()[-1] == "force 0 link none"
+
+
+def test_a_master_feels_the_scene_of_a_slave_of_hapticnet(built):
+    with running_slave() as port:
+        done = run(built, "SmallestMaster", "127.0.0.1", port, 2)
+    assert (done.returncode, done.stderr) == (0, "")
+    forces = [float(n) for n in re.findall(r"tick \d+: (\S+) N", done.stdout)]
+    assert forces[:5] == [0.0] * 5
+    assert max(forces) > 3.0
+    assert done.stdout.splitlines()[-1].startswith("Established paper")
+
+
+def test_a_master_of_hapticnet_feels_the_spring_of_a_slave(built):
+    with taken_port() as port:
+        done = run(built, "SmallestSlave", port)
+    assert done.returncode == 2
+    assert done.stderr.startswith(f"127.0.0.1:{port} cannot be used: ")
+    with subprocess.Popen(["mono", built / "SmallestSlave.exe", "0"], stdout=subprocess.PIPE, text=True) as slave:
+        address = slave.stdout.readline().split()[-1]
+        command = [sys.executable, "-m", "hapticnet", "master", "--connect", address, "--json", "--duration", "3"]
+        done = subprocess.run(command, capture_output=True, text=True, timeout=60)
+        slave.terminate()
+    assert done.returncode == 0, done.stderr
+    report = json.loads(done.stdout)
+    assert (report["scene"], report["connections"], report["received"]["malformed"]) == ("spring", 1, 0)
+
+
+def test_a_link_allocates_nothing_while_it_ticks(built):
+    """With a nursery of 64 kB, 16 bytes a tick would be seen."""
+    with running_slave() as port:
+        done = run(built, "Steady", port, 5000, MONO_GC_PARAMS="nursery-size=64k")
+    said = re.search(r"master: (\d+) collections in (\d+) ticks", done.stdout)
+    assert said, done.stdout + done.stderr
+    assert int(said[1]) == 0
+    assert int(said[2]) > 2000
+    state, force_n = re.search(r"state (\w+) force (\S+)", done.stdout).groups()
+    assert (state, float(force_n) > 1.0) == ("Established", True)
+    assert "seen: True" in done.stdout
+    collections, ticks = map(int, re.search(r"both: (\d+) collections in (\d+) ticks", done.stdout).groups())
+    assert collections * 65536 / ticks < 600  # the README says 300 bytes for each datagram
+
+
+def test_unity_moves_a_hand_and_is_pushed_in_the_frame_of_the_scene(built):
+    with running_slave() as port:
+        done = run(built, "Life", port, 2)
+    assert (done.returncode, done.stderr) == (0, "")
+    check_life(done.stdout)
+
+
+def test_unity_has_sealed_sessions_with_key_files_of_hapticnet(built, tmp_path):
+    write_key(tmp_path / "master" / "hapticnet" / "key.toml", MASTER)
+    write_key(tmp_path / "key.toml", SLAVE)
+    (tmp_path / "masters.toml").write_text(dump_master(ENTRY))
+    keys = "--key", tmp_path / "key.toml", "--masters", tmp_path / "masters.toml"
+    with running_slave(*keys) as port:
+        done = run(built, "Life", port, 2, format_key(SLAVE.public), XDG_CONFIG_HOME=f"{tmp_path}/master")
+        check_life(done.stdout)
+        stranger = run(built, "Life", port, 1, format_key(SLAVE.public), tmp_path / "key.toml")
+        missing = run(built, "Life", port, 1, format_key(SLAVE.public), tmp_path / "nothing.toml")
+    assert "error HapticMaster: the slave ended the session: " in stranger.stdout
+    assert f"error HapticMaster: {tmp_path}/nothing.toml does not exist" in missing.stdout
+    assert missing.stdout.splitlines()[-1] == "force 0 link none"
+
+
+def test_what_is_wrong_is_one_sentence(built):
+    done = run(built, "Wrong")
+    assert done.stderr == ""
+    assert done.stdout.splitlines() == [
+        "the rate must be 20 to 100000 Hz",
+        "there is no such codec",
+        "the name must be at most 64 bytes of printable UTF-8",
+        "the axes must be 1 to 3",
+        "the codec has no such parameter, or its value is out of range",
+        "fine",
+        "the axes must be 1 to 3",
+        "a key is 44 characters of base64 that end in '=' (32 bytes); this has 3 characters",
+        "the private key has 31 bytes; a key has 32",
+        "/nonexistent/key.toml does not exist; 'hapticnet key new' makes a key",
+        "/nonexistent/masters.toml does not exist; 'hapticnet key new' makes a key",
+        "the slave's public key is not one, or libcrypto lacks X25519, as in FIPS mode",
+        "the position has 1 elements; it needs one for each axis: 2",
+        "the buffer has 100 bytes; a datagram can have 1200",
+        "the datagram is said to have 4 bytes, but the array has 3",
+        "the address has 40 bytes; it can have 28",
+        "'nowhere.invalid' is no host with an IPv4 address",
+        "the port is 0; it must be 1 to 65535",
+        "the source of random numbers failed: no entropy",
+    ]
+
+
+def test_without_the_native_library_it_says_how_to_get_it(built, tmp_path):
+    for name in ("SmallestMaster.exe", "Hapticnet.dll"):
+        shutil.copy(built / name, tmp_path)
+    done = run(tmp_path, "SmallestMaster")
+    assert done.returncode == 2
+    assert done.stderr.startswith("the library 'hapticnet' is not found; build it with 'make -C peers/c shared'")
+    assert len(done.stderr.splitlines()) == 1
+
+
+def test_each_asset_of_the_package_has_an_identity_of_its_own():
+    """Unity ignores assets of an installed package without one."""
+    assets = {path for path in PACKAGE.rglob("*") if path.suffix != ".meta"}
+    metas = {path.with_suffix(""): path.read_text() for path in PACKAGE.rglob("*.meta")}
+    assert set(metas) == assets
+    identities = [re.search(r"^guid: ([0-9a-f]{32})$", text, re.MULTILINE)[1] for text in metas.values()]
+    assert len(set(identities)) == len(identities)
+    assemblies = [json.loads(path.read_text()) for path in PACKAGE.rglob("*.asmdef")]
+    assert {each["name"]: each["references"] for each in assemblies} == {
+        "Hapticnet": [],
+        "Hapticnet.Unity": ["Hapticnet"],
+    }
+    assert not any("UnityEngine" in path.read_text() for path in (PACKAGE / "Runtime").glob("*.cs"))
+
+
+@pytest.mark.parametrize("example", sorted((HERE / "examples").glob("*.cs")), ids=lambda path: path.stem)
+def test_an_example_is_short_and_its_length_is_in_the_readme(example):
+    lines = len(example.read_text().splitlines())
+    assert lines <= LINES
+    assert f"[examples/{example.name}](examples/{example.name}) ({lines} lines)" in README.read_text()
+
+
+def test_the_code_of_the_readme_is_that_of_the_example():
+    code = re.search(r"```csharp\n(internal.*?)```", README.read_text(), flags=re.DOTALL)[1]
+    source = (HERE / "examples" / "SmallestMaster.cs").read_text()
+    lines = [line.strip() for line in code.splitlines() if line.strip() and "..." not in line]
+    assert [line for line in lines if line not in source] == []
