@@ -5,7 +5,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 APT := $(if $(filter 0,$(shell id -u)),,sudo )apt-get
 
-.PHONY: help conformance demo test test-compiled fast plain wheel check site docker-check bench bench-quick peer-packages run-figure simulator lock chromium promtool clean system-packages
+.PHONY: help conformance demo test test-compiled fast plain wheel check site docker-check bench bench-quick release publish install-check peer-packages run-figure simulator lock chromium promtool clean system-packages
 .DEFAULT_GOAL := help
 
 help:
@@ -19,6 +19,9 @@ help:
 	@echo 'make docker-check   build the image and play every scenario of docker/ (needs a Docker engine)'
 	@echo 'make conformance    run the suite of peers/ and write its table'
 	@echo 'make bench          run every benchmark (45 minutes on a quiet machine) and write docs/benchmarks'
+	@echo 'make release        build everything that is published in dist/ (CONTRIBUTING.md)'
+	@echo 'make install-check  install what is published in clean Debian systems (needs root)'
+	@echo 'make publish        check dist/, and print how it is published; nothing is sent without FOR_REAL=1'
 	@echo 'make bench-quick    try every benchmark in five minutes, and write nothing'
 	@echo 'make run-figure     draw docs/figures/run.png, the run in the README'
 	@echo 'make simulator      build the firmware and the simulator that runs it (--device simavr)'
@@ -30,6 +33,7 @@ demo: $(VENV)/installed-$(if $(PAGE),web,plot)
 test: system-packages chromium promtool check
 	$(BIN)/pytest -n 2
 	$(MAKE) test-compiled
+	$(MAKE) install-check
 
 # What each peer in another language agrees on: runs their suite and writes the table of peers/README.md.
 conformance: $(VENV)/installed-dev
@@ -82,6 +86,17 @@ bench: system-packages peer-packages $(VENV)/installed-dev $(VENV)/installed-pee
 bench-quick: system-packages $(VENV)/installed-dev
 	$(BIN)/python bench/run.py --quick
 
+# Everything that is published, from the newest commit; and the check before it is.
+release: system-packages $(VENV)/installed-dev
+	$(BIN)/python -m release.build
+
+# What is published, installed in clean systems without compiler and network; they are kept in build/bases.
+install-check: system-packages $(VENV)/installed-dev
+	$(BIN)/pytest -m install tests/release
+
+publish: $(VENV)/installed-dev
+	$(BIN)/python -m release.publish --image '$(IMAGE)' $(if $(FOR_REAL),--for-real)
+
 peer-packages:
 	@if ! command -v mosquitto >/dev/null && command -v apt-get >/dev/null; then \
 		$(APT) update -qq && $(APT) install -y -qq --no-install-recommends mosquitto || echo 'no mosquitto; MQTT is left out'; \
@@ -91,15 +106,15 @@ run-figure: $(VENV)/installed-plot
 	$(BIN)/python bench/report/plot_run.py docs/figures/run.png
 
 # The C programs that bench/ measures against, the network namespaces of the two-host test, and what the firmware is
-# built with and simulated in; systemd checks its units, and strace what its filter permits.
-SYSTEM_PACKAGES := gcc libc6-dev libssl-dev iproute2 gcc-avr avr-libc libsimavr-dev libelf-dev systemd strace
+# built with and simulated in; systemd checks its units, strace what its filter permits; mmdebstrap makes clean systems.
+SYSTEM_PACKAGES := gcc libc6-dev libssl-dev iproute2 gcc-avr avr-libc libsimavr-dev libelf-dev systemd strace mmdebstrap
 
 # What peers/ is built with and tested on: a microcontroller, WebAssembly, C#.
 PEER_PACKAGES := clang g++ cmake pkg-config gcc-arm-none-eabi libnewlib-arm-none-eabi qemu-system-arm \
 	lld wasi-libc libclang-rt-dev-wasm32 mono-mcs mono-runtime libmono-system-core4.0-cil
 
 system-packages:
-	@if ! { command -v gcc && command -v ip && command -v systemd-analyze && command -v strace && command -v avr-gcc && \
+	@if ! { command -v gcc && command -v ip && command -v mmdebstrap && command -v systemd-analyze && command -v strace && command -v avr-gcc && \
 			test -e /usr/include/simavr/sim_avr.h && test -e /usr/include/libelf.h && test -e /usr/include/openssl/evp.h; } >/dev/null; then \
 		if command -v apt-get >/dev/null; then \
 			$(APT) update -qq && $(APT) install -y -qq --no-install-recommends $(SYSTEM_PACKAGES); \
@@ -142,6 +157,7 @@ simulator: system-packages
 
 $(VENV)/installed-%: pyproject.toml examples/literature/pyproject.toml extras/experiment/pyproject.toml $(BIN)/python
 	$(BIN)/pip install -q --disable-pip-version-check -e '.[$*]' -e examples/literature -e extras/experiment $(if $(filter dev,$*),-e extras/mujoco -e extras/ros2)
+	$(if $(filter dev,$*),$(BIN)/pip install -q --disable-pip-version-check --no-deps --upgrade --target $(VENV)/share/citation cffconvert==2.0.0)
 	@touch $@
 
 $(BIN)/python:

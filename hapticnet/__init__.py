@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     from hapticnet.recordings.loading import Recording, load_recording
     from hapticnet.samples import ForceSample, PositionSample
 
-__version__ = "0.1.0"
+__version__ = "0.2.0"
 
 _HOMES: Final = {
     "hapticnet.api.encoding": ("Comparison", "Encoded", "Report", "compare", "encode", "make_codec"),

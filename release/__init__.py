@@ -1,0 +1,1 @@
+"""What the owner builds and publishes: `make release`, `make publish`. CONTRIBUTING.md says how."""
