@@ -56,7 +56,7 @@ def download_wheels(names: list[str], python: str, folder: Path) -> None:
     """Download what packages need on a Python, for a system of this kind that has no compiler."""
     tags = [f"--platform=manylinux_2_{minor}_x86_64" for minor in _GLIBC_MINORS] + ["--platform=manylinux2014_x86_64"]
     abis = [f"--abi={abi}" for abi in ("cp" + python.replace(".", ""), "abi3", "none")]
-    command = [sys.executable, "-m", "pip", "download", "-q", "-d", folder, "--find-links", folder, "--prefer-binary"]
+    command = [sys.executable, "-m", "pip", "download", "-q", "-d", str(folder), "--find-links", str(folder)]
     options = ["--only-binary=:all:", f"--python-version={python}", "--implementation=cp", *abis, *tags]
     subprocess.run([*command, *options, *names], check=True)
 
