@@ -105,7 +105,7 @@ class Adapter {
     }
 
   private:
-    // Whether a master may ask for a codec. hapticnet's also bounds the force of velocity-adaptive, so they differ there.
+    // Whether a master may ask for a codec. hapticnet's also bounds the force of velocity-adaptive: they differ there.
     static bool has(const std::string &codec)
     {
         try {

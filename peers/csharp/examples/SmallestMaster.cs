@@ -6,20 +6,22 @@ using Hapticnet;
 
 internal sealed class Needle : IHand
 {
+    private readonly long _startUs = Node.NowUs;
     private readonly double _seconds;
+    private double _depthM;
     private int _tick;
 
     internal Needle(double seconds) => _seconds = seconds;
 
     public void Read(double[] positionM)
     {
-        positionM[0] = 0.015 * (1.0 - Math.Cos(2.0 * Math.PI * _tick++ * 1e-3 / _seconds));
+        positionM[0] = _depthM = 0.015 * (1.0 - Math.Cos(2e-6 * Math.PI * (Node.NowUs - _startUs) / _seconds));
     }
 
     public void Apply(double[] forceN)
     {
-        if (_tick % 100 == 1)
-            Console.WriteLine("tick {0}: {1:0.00} N", _tick, forceN[0]); // where a device would be pushed
+        if (_tick++ % 100 == 0)
+            Console.WriteLine("{0:0.00} mm {1:0.00} N", _depthM * 1e3, forceN[0]); // where a device would be pushed
     }
 }
 

@@ -20,7 +20,8 @@ internal sealed class Adapter
     {
         var adapter = new Adapter();
         var input = new StreamReader(Console.OpenStandardInput(), Encoding.ASCII);
-        var output = new StreamWriter(Console.OpenStandardOutput(), new ASCIIEncoding()) { AutoFlush = true, NewLine = "\n" };
+        var output = new StreamWriter(Console.OpenStandardOutput(), new ASCIIEncoding()) { AutoFlush = true };
+        output.NewLine = "\n";
         for (string line = input.ReadLine(); line != null; line = input.ReadLine())
         {
             string answer;
@@ -49,7 +50,7 @@ internal sealed class Adapter
             throw new HapticException("'" + text + "' is not pairs of hex digits");
         var bytes = new byte[text.Length / 2];
         for (int i = 0; i < bytes.Length; i++)
-            bytes[i] = byte.Parse(text.Substring(2 * i, 2), NumberStyles.AllowHexSpecifier, CultureInfo.InvariantCulture);
+            bytes[i] = byte.Parse(text.Substring(2 * i, 2), NumberStyles.AllowHexSpecifier);
         return bytes;
     }
 
@@ -76,7 +77,7 @@ internal sealed class Adapter
     {
         if (text.Length != 16)
             throw new HapticException("'" + text + "' is not the 16 hex digits of a float");
-        return BitConverter.Int64BitsToDouble(long.Parse(text, NumberStyles.AllowHexSpecifier, CultureInfo.InvariantCulture));
+        return BitConverter.Int64BitsToDouble(long.Parse(text, NumberStyles.AllowHexSpecifier));
     }
 
     private static string TextOf(double value)

@@ -1,4 +1,4 @@
-// Stand-ins for the few classes of UnityEngine that HapticMaster uses, so that it can be compiled and run without Unity.
+// Stand-ins for the few classes of UnityEngine that HapticMaster uses, to compile and run it without Unity.
 // They are for tests only, and no part of the package.
 using System;
 using System.Reflection;
@@ -82,8 +82,9 @@ namespace UnityEngine
 
         public Vector3 InverseTransformPoint(Vector3 point)
         {
-            var p = new Vector3((point.x - position.x) / scale, (point.y - position.y) / scale, (point.z - position.z) / scale);
-            return turned ? new Vector3(-p.z, p.y, p.x) : p;
+            float x = (point.x - position.x) / scale, y = (point.y - position.y) / scale;
+            float z = (point.z - position.z) / scale;
+            return turned ? new Vector3(-z, y, x) : new Vector3(x, y, z);
         }
 
         public Vector3 TransformDirection(Vector3 direction)

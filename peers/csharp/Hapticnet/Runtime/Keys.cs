@@ -3,7 +3,8 @@ using System.Collections.Generic;
 
 namespace Hapticnet
 {
-    /// <summary>A host's own key and, if there is one, the key that it shares with its peer. Dispose overwrites both.</summary>
+    /// <summary>A host's own key and, if there is one, the key that it shares with its peer. Dispose overwrites both.
+    /// </summary>
     public sealed class PrivateKey : IDisposable
     {
         /// <summary>The size of a key.</summary>

@@ -31,7 +31,8 @@ namespace Hapticnet
 
         internal Link(string name)
         {
-            _thread = new Thread(RunUntilStopped) { IsBackground = true, Name = name, Priority = ThreadPriority.Highest };
+            _thread = new Thread(RunUntilStopped) { IsBackground = true, Name = name };
+            _thread.Priority = ThreadPriority.Highest;
         }
 
         /// <summary>What ended the link, one sentence; null while nothing has.</summary>
@@ -63,7 +64,8 @@ namespace Hapticnet
                 return address;
             try
             {
-                address = Array.Find(Dns.GetHostAddresses(host ?? ""), each => each.AddressFamily == AddressFamily.InterNetwork);
+                IPAddress[] found = Dns.GetHostAddresses(host ?? "");
+                address = Array.Find(found, each => each.AddressFamily == AddressFamily.InterNetwork);
             }
             catch (SocketException)
             {
@@ -111,7 +113,7 @@ namespace Hapticnet
     }
 
     /// <summary>A master over UDP, with a thread that ticks at the request's rate.</summary>
-    /// <remarks>Once it runs, a tick allocates no memory, so that it causes no pause of the garbage collector.</remarks>
+    /// <remarks>Once it runs, a tick allocates no memory, so that the garbage collector causes no pause.</remarks>
     public sealed class MasterLink : Link
     {
         private readonly Master _master;
@@ -132,7 +134,8 @@ namespace Hapticnet
         /// <param name="key">The own key, for a sealed session; null: an open one.</param>
         /// <param name="slavePublic">The slave's public key, with a key of one's own.</param>
         /// <exception cref="HapticException">One of these is wrong, or the library is missing.</exception>
-        public MasterLink(string host, int port, Request request, IHand hand, PrivateKey key = null, byte[] slavePublic = null)
+        public MasterLink(string host, int port, Request request, IHand hand, PrivateKey key = null,
+            byte[] slavePublic = null)
             : base("hapticnet master")
         {
             CheckPort(port);

@@ -109,8 +109,9 @@ namespace Hapticnet
                     Marshal.Copy(name, 0, names[i], name.Length);
                     values[i++] = number.Value;
                 }
-                _handle = Native.Loaded(() => Native.hn_make_master(Native.Bytes(request.Codec), Native.Bytes(request.Name),
-                    names, values, (UIntPtr)names.Length, RandomSource.Callback, Context, out wrong));
+                _handle = Native.Loaded(() => Native.hn_make_master(Native.Bytes(request.Codec),
+                    Native.Bytes(request.Name), names, values, (UIntPtr)names.Length, RandomSource.Callback, Context,
+                    out wrong));
             }
             finally
             {
@@ -160,7 +161,7 @@ namespace Hapticnet
         /// <summary>Ask for sealed sessions only. Call it before the first tick.</summary>
         /// <param name="key">The master's own key.</param>
         /// <param name="slavePublic">The slave's public key, 32 bytes.</param>
-        /// <exception cref="HapticException">The slave's key is not one, or the library has no sealed sessions.</exception>
+        /// <exception cref="HapticException">The slave's key is none, or the library has no seal.</exception>
         public void Seal(PrivateKey key, byte[] slavePublic)
         {
             PrivateKey.CheckLength(slavePublic, "the slave's public key");

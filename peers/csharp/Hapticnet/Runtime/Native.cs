@@ -14,7 +14,7 @@ namespace Hapticnet
         }
     }
 
-    /// <summary>The functions of libhapticnet. Sizes and names come from the library, so that nothing here can differ.</summary>
+    /// <summary>The functions of libhapticnet. Sizes and names are the library's own.</summary>
     internal static class Native
     {
 #if UNITY_IOS && !UNITY_EDITOR
@@ -74,8 +74,8 @@ namespace Hapticnet
         internal static extern IntPtr hn_seal_slave(SlaveHandle slave, byte[] own, byte[] masters, UIntPtr count);
 
         [DllImport(Library, CallingConvention = CallingConvention.Cdecl)]
-        internal static extern UIntPtr hn_slave_receive(SlaveHandle slave, byte[] datagram, UIntPtr size, byte[] address,
-            UIntPtr address_size, long now_us, byte[] answer);
+        internal static extern UIntPtr hn_slave_receive(SlaveHandle slave, byte[] datagram, UIntPtr size,
+            byte[] address, UIntPtr address_size, long now_us, byte[] answer);
 
         [DllImport(Library, CallingConvention = CallingConvention.Cdecl)]
         [return: MarshalAs(UnmanagedType.I1)]
@@ -151,12 +151,13 @@ namespace Hapticnet
             }
             catch (DllNotFoundException)
             {
-                throw new HapticException("the library 'hapticnet' is not found; build it with 'make -C peers/c shared' and put"
-                    + " it where programs look for libraries (in Unity: the package's folder Plugins)");
+                throw new HapticException("the library 'hapticnet' is not found; build it with 'make -C peers/c shared'"
+                    + " and put it where programs look for libraries (in Unity: the package's folder Plugins)");
             }
             catch (EntryPointNotFoundException error)
             {
-                throw new HapticException("the library 'hapticnet' is of another version than this package: " + error.Message);
+                throw new HapticException("the library 'hapticnet' is of another version than this package: "
+                    + error.Message);
             }
         }
     }

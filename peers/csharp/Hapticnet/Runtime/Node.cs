@@ -30,7 +30,7 @@ namespace Hapticnet
             get { return Largest.Value; }
         }
 
-        /// <summary>Size of a buffer to receive into: one byte more, so that a longer datagram is seen to be one.</summary>
+        /// <summary>Size of a buffer to receive into: a byte more, so that a longer datagram is seen.</summary>
         public static int ReceiveBytes
         {
             get { return Largest.Value + 1; }

@@ -89,7 +89,7 @@ namespace Hapticnet
             return Native.hn_slave_position(_handle, positionM);
         }
 
-        /// <summary>Write the answer to the master: the force [N] that pushes the tool out. Return its size, or 0.</summary>
+        /// <summary>Write the answer: the force [N] that pushes the tool out. Return its size, or 0.</summary>
         /// <remarks>A force that is not finite ends the session.</remarks>
         public int Answer(double[] forceN, long nowUs, byte[] answer)
         {

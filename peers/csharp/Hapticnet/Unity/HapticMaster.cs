@@ -5,10 +5,10 @@ using UnityEngine.Events;
 namespace Hapticnet.Unity
 {
     /// <summary>Lets this object touch what a hapticnet slave has, and be pushed by it.</summary>
-    /// <remarks>The object's position relative to <see cref="frame"/> goes to the slave a thousand times a second, from a
-    /// thread of its own; the force that comes back acts on <see cref="body"/>, and is told by
-    /// <see cref="onForce"/>. In the frame, the scene's first axis, which leads into what is touched, points forward, its
-    /// second right and its third up.</remarks>
+    /// <remarks>The object's position relative to <see cref="frame"/> goes to the slave a thousand times a second, from
+    /// a thread of its own; the force that comes back acts on <see cref="body"/>, and is told by <see cref="onForce"/>.
+    /// In the frame, the scene's first axis, which leads into what is touched, points forward, its second right and
+    /// its third up.</remarks>
     [AddComponentMenu("Hapticnet/Haptic Master")]
     public sealed class HapticMaster : MonoBehaviour, IHand
     {
@@ -36,7 +36,7 @@ namespace Hapticnet.Unity
         [Range(1, 3)]
         public int axes = 1;
 
-        /// <summary>Where the scene is, and how large: a unit of this frame is a metre there. None: the world.</summary>
+        /// <summary>Where the scene is, and how large: a unit of this frame is a metre. None: the world.</summary>
         [Header("Hand")]
         public Transform frame;
 
@@ -52,7 +52,7 @@ namespace Hapticnet.Unity
         {
         }
 
-        /// <summary>Called in each fixed update with the force [N] that acts on the hand, in world coordinates.</summary>
+        /// <summary>Called in each fixed update with the force [N] on the hand, in world coordinates.</summary>
         public ForceEvent onForce = new ForceEvent();
 
         private readonly object _lock = new object();
@@ -101,8 +101,9 @@ namespace Hapticnet.Unity
             {
                 var request = new Request { Codec = codec, Name = masterName, Axes = axes };
                 PrivateKey key = slaveKey.Length > 0 ? PrivateKey.Load(keyFile.Length > 0 ? keyFile : null) : null;
+                byte[] slave = key == null ? null : PrivateKey.Parse(slaveKey);
                 using (key)
-                    _link = new MasterLink(host, port, request, this, key, key == null ? null : PrivateKey.Parse(slaveKey));
+                    _link = new MasterLink(host, port, request, this, key, slave);
             }
             catch (HapticException error)
             {
