@@ -6,6 +6,7 @@ import re
 import shutil
 import subprocess
 import sys
+import tarfile
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -67,9 +68,12 @@ def slave() -> Iterator[str]:
 
 @pytest.fixture
 def project(package: Path, tmp_path: Path) -> Path:
-    """Make a folder where `import "hapticnet"` gives the package."""
-    (tmp_path / "node_modules").mkdir()
-    (tmp_path / "node_modules" / "hapticnet").symlink_to(package)
+    """Make a folder where `import "hapticnet"` gives what npm would install."""
+    subprocess.run(["make", "-s", "pack"], cwd=package, check=True, capture_output=True)
+    (archive,) = (package / "build").glob("hapticnet-*.tgz")
+    with tarfile.open(archive) as files:
+        files.extractall(tmp_path / "node_modules", filter="data")
+    (tmp_path / "node_modules" / "package").rename(tmp_path / "node_modules" / "hapticnet")
     (tmp_path / "package.json").write_text('{"type": "module"}')
     return tmp_path
 
