@@ -9,12 +9,10 @@ server::
     {"type": "hello", "version": 1, "view": "watch", "speed": 1.0, "loop": false, "history_s": 5.0,
      "duration_s": 12.0,                    // until the last recording ends
      "together": true,                      // made at the same time, and shown at the same moments
-     "difference": "A (deadband) sent …",   // a sentence
      "tapes": [{"label": "A", "name": "run.mcap", "begin_s": 0.0, …}]}  // begin_s: when it begins; `Tape.description`
     {"type": "figures", "t_s": 3.2, "tapes": [FIGURES, …]}             // the answer to "figures"; null before it begins
 
-    FIGURES = {"codec": "deadband", "in_force": "deadband at 1 JND …", "since_s": 0.0, "traffic": TRAFFIC or null,
-               "felt": {…, "exceed_jnd_fraction": 0.004, "so_far": 0.002} or null}
+    FIGURES = {"since_s": 0.0, "traffic": TRAFFIC or null, "felt": {…, "so_far": 0.002} or null}  // as in a state
 
 and, binary and little-endian, ``BLOCK``: u8 4; u8 recording; u16 axes; u32 number; u32 rows r; u16 columns c; u16
 tissues n; u32 frames f; u32 components p of the held force in frames, the axes or 0; f64 time of its begin [s]; c × r ×
@@ -34,7 +32,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Final, NamedTuple
 from hapticnet.web import messages
 from hapticnet.web.audience import Audience
 from hapticnet.web.messages import MistakeError, Reader, View
-from hapticnet.web.tape import Tape, difference, together
+from hapticnet.web.tape import Tape, together
 
 if TYPE_CHECKING:
     from hapticnet.web.client import Client
@@ -101,7 +99,7 @@ class Replay(Audience):
         return messages.text(
             "hello", version=messages.VERSION, view="watch", speed=speed, loop=loop, history_s=messages.HISTORY_S,
             duration_s=max(each["begin_s"] + each["duration_s"] for each in shown), together=self._together,
-            difference=difference(self._tapes), tapes=shown,
+            tapes=shown,
         )  # fmt: skip
 
     def _greet(self, client: "Client") -> None:

@@ -3,9 +3,11 @@
 import json
 import signal
 import time
+from urllib.request import urlopen
 
 import numpy as np
 
+from hapticnet.cli.pages import address_of
 from hapticnet.node.recording import master_columns, slave_columns
 from hapticnet.recordings.session.reading import read_session
 from hapticnet.recordings.session.sink import UNFINISHED
@@ -44,6 +46,11 @@ def test_both_sides_record_and_their_files_join(start, serve, tmp_path):
     assert [event.name for event in theirs.events] == ["MasterJoined", "SettingsInForce", "MasterLeft"]
     assert theirs.about["request"]["name"] == "one"
     assert "ticket" not in json.dumps(ours.about | theirs.about)
+    shown = start("replay", str(record), str(file), "--page", "127.0.0.1:0")
+    link = shown.wait_for(r"watch it here: open (file://\S+\.html)")[1]
+    with urlopen(address_of(link)) as answer:
+        assert b"Time in the recording" in answer.read()
+    assert shown.end() == 0, shown.said()
 
 
 def test_processes_that_are_killed_leave_complete_files(start, serve, tmp_path):

@@ -2,6 +2,7 @@
 
 import { readReplay } from "./blocks.js";
 import { Connection } from "./connection.js";
+import { difference } from "./difference.js";
 import { Player } from "./player.js";
 import { TapeView } from "./tape.js";
 
@@ -57,8 +58,9 @@ function begin(hello) {
     views = tapes.map((about, number) => new TapeView(box, number, about, options));
     document.title = `${tapes.map(({ name }) => name).join(", ")} – hapticnet replay`;
     const when = tapes.length < 2 ? "" : hello.together ? " Recorded at the same time: shown at the same moments." : " Each is shown from its beginning.";
-    byId("difference").textContent = hello.difference + when;
-    byId("difference").hidden = !hello.difference;
+    const said = difference(tapes);
+    byId("difference").textContent = said + when;
+    byId("difference").hidden = !said;
   }
   player.configure(hello);
 }

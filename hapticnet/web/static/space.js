@@ -175,7 +175,7 @@ export class SpaceView {
     const half = seen.high.map((each, axis) => Math.max(LEAST_RADIUS_M / 2, (each - seen.low[axis]) / 2));
     this._radius = Math.hypot(...half);
     const reach = (way) => way.reduce((sum, each, axis) => sum + Math.abs(each) * half[axis], 0);
-    this._scale = Math.min((this._width / 2 - MARGIN_PX) / reach(this._across), (this._height / 2 - 2 * MARGIN_PX) / reach(this._upward));
+    this._scale = Math.min((this._width / 2 - MARGIN_PX) / reach(this._across), Math.max(this._height / 4, this._height / 2 - 2 * MARGIN_PX) / reach(this._upward));
   }
 
   _shade(number) {

@@ -99,15 +99,19 @@ export class TapeView {
   }
 
   _describe() {
-    const { label, name, about, notes } = this._about;
+    const { label, name, spans, begin_s: beginS } = this._about;
+    const changes = spans.slice(1).map(({ t_s: timeS }) => clock(beginS + timeS));
+    const more = changes.length > 5 ? ` and ${changes.length - 5} times more` : "";
+    const notes = [...this._about.notes, ...(changes.length ? [`settings changed at ${changes.slice(0, 5).join(", ")}${more}; those in force stand below`] : [])];
     this._root.ariaLabel = this._name;
     this._find("h2").textContent = label ? `${label}: ${name}` : name;
-    this._find(".about").textContent = about;
+    this._find(".about").textContent = aboutWords(this._about);
     this._find(".notes").replaceChildren(...notes.map((note) => {
       const item = document.createElement("li");
       item.textContent = note;
       return item;
     }));
+    this._find(".notes").hidden = notes.length === 0;
     const named = { ".stage": "scene", ".plot": "forces", ".legend": "lines of the plot", ".tiles": "traffic and felt error" };
     for (const [selector, what] of Object.entries(named)) this._find(selector).ariaLabel = `${this._name}, ${what}`;
     this._find(".chart").ariaLabel = `${this._name}: forces over the five seconds before the time shown`;
@@ -235,7 +239,7 @@ export class TapeView {
       : this._about.known.includes("true") ? "" : "The true force is not known here";
     write(this._find(".force"), words);
     const event = this._about.events.findLast(({ t_s: fromS }) => fromS <= at);
-    const news = event && at - event.t_s < NEWS_S ? `${clock(event.t_s + this._about.begin_s)} ${event.text}` : "";
+    const news = event && at - event.t_s < NEWS_S ? `${clock(event.t_s + this._about.begin_s)} ${eventWords(event)}` : "";
     const line = write(this._find(".newest"), [this._about.spans.length ? `In force: ${law.line}` : "", news].filter(Boolean).join(" · "));
     line.title = line.textContent;
   }
@@ -249,6 +253,7 @@ export class TapeView {
     const [value, small] = box.querySelectorAll(".big > *");
     write(value, number);
     write(small, unit);
+    box.querySelector(".bar i").hidden = share === null;
     box.querySelector(".bar i").style.width = `${100 * Math.min(1, Math.max(0, share ?? 0))}%`;
     write(box.querySelector(".quiet"), note);
   }
@@ -276,4 +281,22 @@ function lastUpTo(times, at) {
     else high = middle;
   }
   return low - 1;
+}
+
+/** What a recording is, in a line. */
+function aboutWords({ kind, unix_s: unixS, rate_hz: rateHz, scenes }) {
+  const when = Number.isFinite(unixS) && Math.abs(unixS) < 1e11 ? `${new Date(1000 * unixS).toISOString().slice(0, 16).replace("T", " ")} UTC` : "";
+  const scene = scenes.at(-1).name;
+  return [kind === "foreign" ? "" : `recorded by a ${kind}`, when, `${count(rateHz)} Hz`, scene && `scene ${scene}`].filter(Boolean).join(" · ");
+}
+
+/** An event as its name, and the first of its texts. */
+function eventWords({ name, text }) {
+  const words = name.replace(/(?<=[a-z])(?=[A-Z])/g, " ").toLowerCase();
+  try {
+    const said = Object.values(JSON.parse(text) ?? {}).find((each) => typeof each === "string");
+    return said ? `${words}: ${said}` : words;
+  } catch {
+    return `${words}: ${text}`;
+  }
 }
