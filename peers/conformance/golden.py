@@ -160,9 +160,9 @@ def position(sequence: int, now_us: int, x_m: float = 0.03, session: int = SESSI
 class Talk:
     """A slave of a peer that draws 0xdeadbeef only, with the scene of the traces: a spring of 300 N/m behind 20 mm."""
 
-    def __init__(self, child: Child) -> None:
+    def __init__(self, child: Child, drawn: str = f"random {SESSION:08x}") -> None:
         self.child = child
-        child.tell(f"random {SESSION:08x}")
+        child.tell(drawn)
         child.ask("slave", f"scene={write_hex('a spring')}", "axes=1")
 
     def say(self, data: bytes, address: str = HERE, now_us: int = 1000) -> list[Any] | None:
