@@ -5,6 +5,7 @@ import json
 
 import pytest
 
+import hapticnet as hn
 from tests.compatibility.freeze import FROZEN, MAIN_FILES, VERSIONS, api, broken_vectors, command_line, summary, wire
 
 WIRE = json.loads((FROZEN / "wire.json").read_text())
@@ -40,6 +41,13 @@ def test_a_recording_of_each_version_reads_as_it_did(path):
     assert wanted["complete"]
     assert wanted["rows"] > 90
     assert wanted["largest_n"] > 1.0
+
+
+def test_recordings_of_this_minor_version_are_frozen():
+    minor = ".".join(hn.__version__.split(".")[:2])
+    assert any(path.parent.name == minor for path in RECORDINGS), (
+        f"a new minor version, {minor}: keep recordings of it: python -m tests.compatibility.freeze recordings"
+    )
 
 
 @pytest.mark.parametrize(("file", "lines"), [("python.txt", api), ("command_line.txt", command_line)])
