@@ -6,7 +6,6 @@ writes them. `wire`: for another version of the wire, or when vectors were appen
 options were added, or for 0.3. `recordings`: once for each minor version; those of earlier ones stay.
 """
 
-import enum
 import hashlib
 import inspect
 import json
@@ -32,7 +31,7 @@ FROZEN: Final = Path(__file__).with_name("frozen")
 VECTORS: Final = Path(__file__).parents[1] / "vectors"
 VERSIONS: Final = {"open": OPEN, "sealed": SEALED, "device": PROTOCOL_MAJOR}
 FOR_PEOPLE: Final = ("note", "why")
-SIMPLE: Final = (bool, int, float, str, type(None))
+PLAIN: Final = (bool, int, float, str, type(None))
 
 
 def digest(value: Any) -> str:
@@ -64,31 +63,13 @@ def broken_vectors(frozen: dict[str, Any], now: dict[str, list[str]]) -> list[st
     ]
 
 
-def _default(value: Any) -> str:
-    if isinstance(value, enum.Enum):
-        return str(value)
-    return repr(value) if isinstance(value, SIMPLE) or (isinstance(value, tuple) and not value) else "…"
-
-
 def _signature(call: Any) -> str:
-    try:
-        parameters = inspect.signature(call).parameters.values()
-    except ValueError:  # of a builtin, such as an exception
-        return "(…)"
-    shown = [
-        each.replace(annotation=inspect.Parameter.empty)
-        if each.default is inspect.Parameter.empty
-        else each.replace(annotation=inspect.Parameter.empty, default=_Shown(_default(each.default)))
-        for each in parameters
-    ]
-    return str(inspect.Signature(shown))
-
-
-class _Shown(str):
-    """Text that is its own repr."""
-
-    __slots__ = ()
-    __repr__ = str.__str__
+    """Return names and defaults of parameters; of a default that is no plain value, only that there is one."""
+    shown = []
+    for each in inspect.signature(call).parameters.values():
+        is_plain = type(each.default) in PLAIN or each.default in ((), inspect.Parameter.empty)
+        shown.append(each.replace(annotation=inspect.Parameter.empty, default=each.default if is_plain else ...))
+    return str(inspect.Signature(shown)).replace("Ellipsis", "…")
 
 
 def api() -> list[str]:
@@ -109,9 +90,7 @@ def _lines(name: str, value: Any) -> Iterator[str]:
         if member.startswith("_") or member in builtin:
             continue
         found = inspect.getattr_static(value, member, None)
-        plain = found.__func__ if isinstance(found, (staticmethod, classmethod)) else found
-        is_call = inspect.isroutine(plain)
-        yield f"{name}.{member}{_signature(plain) if is_call else ''}"
+        yield f"{name}.{member}{_signature(found) if inspect.isfunction(found) else ''}"
 
 
 def command_line() -> list[str]:
@@ -134,7 +113,6 @@ class Inward:
     axes, duration_us = 1, 100_000
 
     def sample(self, t_us: int) -> float:
-        """Return its position [m]."""
         return 3.5e-7 * t_us
 
 
@@ -174,8 +152,7 @@ def record(folder: Path) -> None:
             about = {**session.about, "provenance": {"version": hn.__version__}}  # not on which machine
             for suffix in ("mcap", "npz", "csv"):
                 export(replace(session, about=about), folder / f"{side}.{suffix}")
-    summaries = {name: summary(folder / name) for name in MAIN_FILES}
-    (folder / "expected.json").write_text(json.dumps(summaries, indent=1) + "\n")
+    (folder / "expected.json").write_text(json.dumps({name: summary(folder / name) for name in MAIN_FILES}, indent=1))
 
 
 def summary(path: Path) -> dict[str, Any]:
@@ -205,8 +182,9 @@ def main(what: str) -> None:
         (FROZEN / "python.txt").write_text("\n".join(api()) + "\n")
         (FROZEN / "command_line.txt").write_text("\n".join(command_line()) + "\n")
     else:
-        text = json.dumps({"versions": VERSIONS, "vectors": wire()})
-        (FROZEN / "wire.json").write_text(text.replace('], "', '],\n"') + "\n")
+        (FROZEN / "wire.json").write_text(
+            json.dumps({"versions": VERSIONS, "vectors": wire()}).replace('], "', '],\n"')
+        )
 
 
 if __name__ == "__main__":
