@@ -5,7 +5,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 APT := $(if $(filter 0,$(shell id -u)),,sudo )apt-get
 
-.PHONY: help conformance demo test test-compiled fast plain wheel check site docker-check bench bench-quick release publish install-check peer-packages run-figure simulator lock chromium promtool clean system-packages
+.PHONY: help conformance demo test test-compiled fast plain wheel tab check site docker-check bench bench-quick release publish install-check peer-packages run-figure simulator lock chromium promtool clean system-packages
 .DEFAULT_GOAL := help
 
 help:
@@ -16,6 +16,7 @@ help:
 	@echo 'make site           the pages as a site, in build/site'
 	@echo 'make fast           compile the core in place (mypyc, two minutes); make plain removes that again'
 	@echo 'make wheel          build a wheel with the compiled core in dist/'
+	@echo 'make tab            build the page of hapticnet gateway'
 	@echo 'make docker-check   build the image and play every scenario of docker/ (needs a Docker engine)'
 	@echo 'make conformance    run the suite of peers/ and write its table'
 	@echo 'make bench          run every benchmark (45 minutes on a quiet machine) and write docs/benchmarks'
@@ -62,6 +63,11 @@ plain:
 wheel: $(VENV)/installed-dev
 	HATCH_BUILD_HOOKS_ENABLE=1 $(BIN)/pip wheel -q --no-deps --no-build-isolation -w dist .
 	@ls dist/*.whl
+
+# The page of hapticnet gateway, which a wheel then has too; it needs the tools of peers/js.
+tab:
+	$(MAKE) -C peers/js
+	rm -rf hapticnet/web/static/tab && cp -r peers/js/dist/page hapticnet/web/static/tab
 
 check: site
 	$(BIN)/ruff check

@@ -25,7 +25,8 @@ from hapticnet.web.server import HEADERS, Site, static_files
 from hapticnet.web.tab import Tab, Traffic
 
 DEFAULT: Final = HostPort("127.0.0.1", 47890)
-PAGE: Final = "tab/index.html"
+PAGE: Final = "index.html"
+_FOLDER: Final = "tab/"  # of the page within the static files; 'make tab' puts it there
 MOST_TABS_PER_HOST: Final = 4  # a page that connects again may not have ended its old connection yet
 OFFERS_PER_MIN: Final = 120
 OFFERS_PER_MIN_PER_HOST: Final = 30
@@ -42,7 +43,6 @@ _WASM: Final = HEADERS["Content-Security-Policy"].replace(
 _HEADERS: Final = {
     **HEADERS,
     "Content-Security-Policy": _WASM,
-    "Cross-Origin-Embedder-Policy": "require-corp",  # lets the page's clock wait for a millisecond
 }
 NO_PAGE: Final = """This gateway carries datagrams, but was installed without its page.
 In a checkout, 'make tab' builds it. Or use the page of the npm package, served elsewhere: --origin.
@@ -77,7 +77,8 @@ class Gateway(Site):
         self, slave: HostPort, access: Access, sock: socket.socket, origins: frozenset[str], most_tabs: int,
         say: Callable[[str], None], warn: Callable[[str], None],
     ) -> None:  # fmt: skip
-        files = {name: each for name, each in static_files(("hapticnet.web",)).items() if name.startswith("tab/")}
+        static = static_files(("hapticnet.web",))
+        files = {name.removeprefix(_FOLDER): each for name, each in static.items() if name.startswith(_FOLDER)}
         super().__init__(access, sock, files, headers=_HEADERS, most_bytes=LARGEST_OFFER)
         self.tabs: list[Tab] = []
         self.refused: Counter[str] = Counter()  # offers, by the reason
@@ -137,6 +138,7 @@ class Gateway(Site):
 
     def _add_routes(self, router: web.UrlDispatcher) -> None:
         router.add_get("/", self._serve_page)
+        router.add_get("/{name}", self._serve_file)
         router.add_post("/offer", self._serve_offer)
         router.add_options("/offer", self._serve_preflight)
 

@@ -1,5 +1,5 @@
 // Bundle the package into dist/: the library as text, and the primitives of sealed sessions.
-import { readFileSync, writeFileSync } from "node:fs";
+import { copyFileSync, readFileSync, writeFileSync } from "node:fs";
 import { deflateSync } from "node:zlib";
 import { build } from "esbuild";
 
@@ -32,3 +32,9 @@ await build({
   legalComments: "eof",
   logLevel: "warning",
 });
+
+// The link through a gateway, which loads nothing of the library; and the page that a gateway serves.
+const plain = { bundle: true, minify: true, format: "esm", target: "es2022", legalComments: "eof", logLevel: "warning" };
+await build({ ...plain, entryPoints: ["src/gateway.ts"], outfile: "dist/gateway.js" });
+await build({ ...plain, entryPoints: ["page/main.ts", "page/ticker.ts"], outdir: "dist/page", loader: { ".z": "base64" } });
+for (const name of ["index.html", "page.css"]) copyFileSync(`page/${name}`, `dist/page/${name}`);

@@ -21,6 +21,8 @@ export interface RunOptions {
   readonly feel: (forceN: number[], nowUs: number) => void;
   /** Ends the session when it is aborted. */
   readonly signal?: AbortSignal;
+  /** Wait some time [ms]; by a timer if omitted. A hidden tab keeps its pace only by the timers of a worker. */
+  readonly sleep?: (ms: number) => Promise<void>;
 }
 
 /** Return the time [µs] of a clock that never goes back. */
@@ -34,9 +36,9 @@ export function now(): number {
  * @returns why the session ended, if the slave said so
  * @throws what `hand` or `feel` throws, after the session was closed
  */
-export async function run(master: Master, { transport, hand, feel, signal }: RunOptions): Promise<Notice | undefined> {
+export async function run(master: Master, options: RunOptions): Promise<Notice | undefined> {
+  const { transport, hand, feel, signal, sleep: wake = sleeper() } = options;
   const periodUs = 1e6 / master.rateHz;
-  const wake = sleeper();
   const flush = () => {
     for (let data = master.send(); data !== undefined; data = master.send()) transport.send(data);
   };

@@ -1,0 +1,153 @@
+// The page: a tab that is a master. Hand, hold, codec and keys are here; the gateway only carries datagrams.
+
+import { GatewayLink, type LinkState } from "../src/gateway.js";
+import { formatKey, Master, newKey, now, publicKey, run, type Codec, type MasterKeys } from "../src/index.js";
+import { Hand } from "./hand.js";
+import { Picture, Ticks } from "./picture.js";
+
+const RATE_HZ = 500;
+/** A slave keeps the scene of a silent master for 30 s; the session that is asked for then continues it. */
+const SLOW_MS = 1000;
+
+const byId = <T extends HTMLElement>(id: string) => document.getElementById(id) as T;
+const fields = byId<HTMLFormElement>("settings");
+const given = new URLSearchParams(location.hash.slice(1));
+const ticks = new Ticks();
+/** For tests and the console: the newest ticks, and a hand that takes the place of the pointer. */
+const open = { ticks, hand: undefined as ((nowUs: number) => number[] | undefined) | undefined, link: undefined as GatewayLink | undefined };
+Object.assign(globalThis, { hapticnet: open });
+
+/** Show a state by a sign, words and a colour. */
+function show(id: string, level: "good" | "wait" | "bad", words: string): void {
+  const pill = byId(id);
+  pill.dataset.level = level;
+  if (pill.textContent !== words) pill.textContent = words;
+}
+
+const value = (name: string) => (fields.elements.namedItem(name) as HTMLInputElement | HTMLSelectElement).value.trim();
+
+/** Return the keys of the form; undefined for an open session. */
+function keys(): MasterKeys | undefined {
+  const [own, slave, psk] = [value("key"), value("slave"), value("psk")];
+  if (own === "" && slave === "") return undefined;
+  if (own === "" || slave === "") throw new RangeError("A sealed session needs your private key and the slave's public key.");
+  return psk === "" ? { private: own, slave } : { private: own, slave, psk };
+}
+
+/** Keep what was typed in the address, behind the #, which browsers send to nobody. */
+function remember(): void {
+  for (const name of ["token", "gateway", "slave", "key", "psk", "codec", "axes", "multiplier"])
+    if (value(name) === "") given.delete(name);
+    else given.set(name, value(name));
+  history.replaceState(null, "", `#${given}`);
+}
+
+/** Return a function that waits some time [ms], also while the page is hidden. */
+function patient(): (ms: number) => Promise<void> {
+  const worker = new Worker(new URL("ticker.js", document.baseURI));
+  return (ms) =>
+    new Promise((resolve) => {
+      worker.onmessage = () => resolve();
+      worker.postMessage(ms);
+    });
+}
+
+const LINK: Readonly<Record<LinkState, "good" | "wait" | "bad">> = {
+  connecting: "wait",
+  open: "good",
+  waiting: "wait",
+  refused: "bad",
+  closed: "bad",
+};
+
+/** Touch the slave's scene until the end of the session. */
+async function touch(): Promise<void> {
+  const sealed = keys();
+  const axes = Number(value("axes"));
+  const picture = new Picture(byId<HTMLCanvasElement>("scene"));
+  const hand = new Hand(picture.canvas, axes, () => picture.metresPerPixel());
+  byId("let-go").onclick = () => hand.letGo();
+  const master = new Master({
+    codec: value("codec") as Codec,
+    name: "browser tab",
+    axes,
+    rateHz: RATE_HZ,
+    multiplier: Number(value("multiplier")),
+    ...(sealed === undefined ? {} : { keys: sealed }),
+  });
+  const link = (open.link = new GatewayLink({
+    url: value("gateway") || location.href,
+    token: value("token"),
+    onstate: (state, reason) => show("link", LINK[state], state === "waiting" ? `${reason}; trying again` : reason),
+  }));
+  show("seal", sealed === undefined ? "wait" : "good", sealed === undefined ? "open: not encrypted to the slave" : "sealed");
+  document.addEventListener("visibilitychange", () => {
+    if (!document.hidden && link.state !== "open") link.reconnect("this page is seen again");
+  });
+  let forceN: number[] = [];
+  let placeM: number[] | undefined;
+  const shown = () => {
+    picture.draw(now(), ticks, hand.placeM, forceN);
+    const force = Math.hypot(...forceN);
+    byId("force").textContent = `${force.toFixed(2)} N`;
+    picture.canvas.setAttribute("aria-valuenow", (1000 * (hand.placeM[0] ?? 0)).toFixed(0));
+    picture.canvas.setAttribute("aria-valuetext", `${(1000 * (hand.placeM[0] ?? 0)).toFixed(0)} mm, ${force.toFixed(1)} newtons`);
+    requestAnimationFrame(shown);
+  };
+  requestAnimationFrame(shown);
+  let before = { ...link.carried, bytes: 0 };
+  setInterval(async () => {
+    const stats = await link.stats();
+    const carried = { ...link.carried, bytes: stats?.bytes ?? before.bytes };
+    const trip = stats?.roundTripMs;
+    byId("out").textContent = `${carried.sent - before.sent}/s`;
+    byId("back").textContent = `${carried.received - before.received}/s`;
+    byId("bytes").textContent = `${(Math.max(0, carried.bytes - before.bytes) / 1000).toFixed(1)} kB/s`;
+    byId("dropped").textContent = `${carried.dropped - before.dropped}/s`;
+    byId("trip").textContent = trip === undefined ? "–" : `${trip.toFixed(0)} ms`;
+    before = carried;
+    const state = master.state;
+    const words = { connecting: "asking the slave", established: `touching ${master.scene}`, stale: "the slave is silent: no force" };
+    if (state in words) show("session", state === "established" ? "good" : "wait", words[state as keyof typeof words]);
+  }, SLOW_MS);
+  const end = await run(master, {
+    transport: link,
+    sleep: patient(),
+    hand: (nowUs) => (placeM = open.hand === undefined ? hand.at(nowUs) : open.hand(nowUs)),
+    feel: (force, nowUs) => {
+      forceN = force;
+      ticks.add(nowUs, placeM?.[0] ?? 0, force[0] ?? 0);
+    },
+  });
+  link.close();
+  show("session", "bad", `The slave ended the session: ${end?.text ?? "no reason given"}`);
+}
+
+function begin(): void {
+  try {
+    remember();
+    keys();
+    fields.hidden = true;
+    byId("touching").hidden = false;
+    touch().catch((error: unknown) => show("session", "bad", String(error instanceof Error ? error.message : error)));
+  } catch (error) {
+    fields.hidden = false;
+    byId("wrong").textContent = error instanceof Error ? error.message : String(error);
+  }
+}
+
+for (const [name, text] of given) {
+  const field = fields.elements.namedItem(name);
+  if (field instanceof HTMLInputElement || field instanceof HTMLSelectElement) field.value = text;
+}
+byId("make-key").onclick = () => {
+  const own = newKey();
+  (fields.elements.namedItem("key") as HTMLInputElement).value = formatKey(own);
+  byId("entry").textContent = `[[master]]\nname = "browser tab"\npublic = "${formatKey(publicKey(own))}"`;
+  byId("entry").hidden = false;
+};
+fields.onsubmit = (event) => {
+  event.preventDefault();
+  begin();
+};
+if (given.has("begin")) begin();
