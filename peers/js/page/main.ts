@@ -86,6 +86,7 @@ async function touch(): Promise<void> {
   });
   let forceN: number[] = [];
   let placeM: number[] | undefined;
+  let placeUs = 0;
   const shown = () => {
     picture.draw(now(), ticks, hand.placeM, forceN);
     const force = Math.hypot(...forceN);
@@ -113,10 +114,13 @@ async function touch(): Promise<void> {
   const end = await run(master, {
     transport: link,
     sleep: patient(),
-    hand: (nowUs) => (placeM = open.hand === undefined ? hand.at(nowUs) : open.hand(nowUs)),
-    feel: (force, nowUs) => {
+    hand: (nowUs) => {
+      placeUs = nowUs;
+      return (placeM = open.hand === undefined ? hand.at(nowUs) : open.hand(nowUs));
+    },
+    feel: (force) => {
       forceN = force;
-      ticks.add(nowUs, placeM?.[0] ?? 0, force[0] ?? 0);
+      ticks.add(placeUs, placeM?.[0] ?? 0, force[0] ?? 0);
     },
   });
   link.close();
