@@ -50,7 +50,7 @@ def main() -> None:
         print("files here differ from the newest commit; the commit is built, without them")
     with tempfile.TemporaryDirectory(prefix="release-") as folder:
         source = export(Path(folder) / "source")
-        steps: list[Callable[[Source, Path], None]] = [check_citation, build_python, build_c, build_npm]
+        steps: list[Callable[[Source, Path], None]] = [check_citation, build_npm, build_python, build_c]
         if not options.quick:
             steps += [build_compiled, build_site, build_sbom]
         for step in steps:
@@ -103,11 +103,12 @@ def build_c(source: Source, out: Path) -> None:
 
 
 def build_npm(source: Source, out: Path) -> None:
-    """Build and pack the npm package."""
+    """Build and pack the npm package, and put its page into the Python package, whose gateway serves it."""
     folder = source.folder / "peers" / "js"
     subprocess.run(["make", "-s", "-C", folder, "pack"], check=True, env=source.environment())
     (packed,) = folder.glob("build/hapticnet-*.tgz")
     shutil.copyfile(packed, out / packed.name)
+    shutil.copytree(folder / "dist" / "page", source.folder / "hapticnet" / "web" / "static" / "tab")
 
 
 def build_site(source: Source, out: Path) -> None:

@@ -36,5 +36,5 @@ await build({
 // The link through a gateway, which loads nothing of the library; and the page that a gateway serves.
 const plain = { bundle: true, minify: true, format: "esm", target: "es2022", legalComments: "eof", logLevel: "warning" };
 await build({ ...plain, entryPoints: ["src/gateway.ts"], outfile: "dist/gateway.js" });
-await build({ ...plain, entryPoints: ["page/main.ts", "page/ticker.ts"], outdir: "dist/page", loader: { ".z": "base64" } });
+await build({ ...plain, entryPoints: ["page/main.ts", "page/ticker.ts"], outdir: "dist/page" });
 for (const name of ["index.html", "page.css"]) copyFileSync(`page/${name}`, `dist/page/${name}`);

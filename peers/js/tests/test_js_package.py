@@ -47,8 +47,9 @@ def test_two_builds_are_equal_to_the_byte(package: Path, tmp_path: Path):
         shutil.copytree(package.parent / name, tmp_path / name, ignore=leave)
     (tmp_path / "js" / "node_modules").symlink_to(package / "node_modules")
     subprocess.run(["make", "-s", "-C", tmp_path / "js"], check=True, capture_output=True)
-    for path in (package / "dist").iterdir():
-        assert (tmp_path / "js" / "dist" / path.name).read_bytes() == path.read_bytes(), path.name
+    for path in (package / "dist").rglob("*.*"):
+        again = tmp_path / "js" / path.relative_to(package)
+        assert again.read_bytes() == path.read_bytes(), path.name
 
 
 def test_the_lock_file_names_no_host(package: Path):
