@@ -108,7 +108,10 @@ def build_npm(source: Source, out: Path) -> None:
     subprocess.run(["make", "-s", "-C", folder, "pack"], check=True, env=source.environment())
     (packed,) = folder.glob("build/hapticnet-*.tgz")
     shutil.copyfile(packed, out / packed.name)
-    shutil.copytree(folder / "dist" / "page", source.folder / "hapticnet" / "web" / "static" / "tab")
+    page = source.folder / "hapticnet" / "web" / "static" / "tab"
+    page.mkdir()
+    for each in (*folder.glob("dist/page/*"), *folder.glob("dist/*.js")):
+        shutil.copy(each, page)
 
 
 def build_site(source: Source, out: Path) -> None:

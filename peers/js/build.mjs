@@ -33,8 +33,13 @@ await build({
   logLevel: "warning",
 });
 
-// The link through a gateway, which loads nothing of the library; and the page that a gateway serves.
+// The link through a gateway, which loads nothing of the library; and the page, which loads both from beside it.
 const plain = { bundle: true, minify: true, format: "esm", target: "es2022", legalComments: "eof", logLevel: "warning" };
 await build({ ...plain, entryPoints: ["src/gateway.ts"], outfile: "dist/gateway.js" });
-await build({ ...plain, entryPoints: ["page/main.ts", "page/ticker.ts"], outdir: "dist/page" });
+const beside = {
+  name: "beside",
+  setup: ({ onResolve }) =>
+    onResolve({ filter: /^\.\.\/src\// }, ({ path }) => ({ path: path.replace("src/", ""), external: true })),
+};
+await build({ ...plain, entryPoints: ["page/main.ts", "page/ticker.ts"], outdir: "dist/page", plugins: [beside] });
 for (const name of ["index.html", "page.css"]) copyFileSync(`page/${name}`, `dist/page/${name}`);

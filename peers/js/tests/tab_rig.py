@@ -27,7 +27,8 @@ SERVE_BUILT = """
 import sys
 from pathlib import Path
 from hapticnet.web import gateway
-page = Path(sys.argv.pop(1)).iterdir()
+dist = Path(sys.argv.pop(1))
+page = [*dist.glob("page/*"), *dist.glob("*.js")]
 kinds = {".html": "text/html", ".js": "text/javascript", ".css": "text/css"}
 files = {f"tab/{each.name}": (each.read_bytes(), kinds[each.suffix]) for each in page}
 gateway.static_files = lambda _: files

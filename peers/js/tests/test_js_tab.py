@@ -22,13 +22,13 @@ STEP_N = 0.3
 
 @pytest.fixture(scope="module")
 def elsewhere(package: Path) -> Iterator[str]:
-    with served(package / "dist/page") as origin:
+    with served(package / "dist") as origin:
         yield origin
 
 
 @pytest.fixture(scope="module")
 def rig(tmp_path_factory: pytest.TempPathFactory, package: Path, elsewhere: str) -> Iterator[Rig]:
-    made = Rig(tmp_path_factory.mktemp("rig"), package / "dist/page", elsewhere)
+    made = Rig(tmp_path_factory.mktemp("rig"), package / "dist", elsewhere)
     yield made
     made.close()
 
@@ -90,7 +90,7 @@ def test_a_tab_feels_a_sealed_slave_and_no_key_leaves_it(rig: Rig, page: Any):
 
 
 def test_a_page_served_elsewhere_connects_if_the_gateway_names_its_origin(rig: Rig, page: Any, elsewhere: str):
-    page.goto(rig.address(elsewhere, gateway=rig.url))
+    page.goto(rig.address(f"{elsewhere}/page", gateway=rig.url))
     touching(page)
     page.locator("#scene").focus()
     for _ in range(5):
@@ -98,7 +98,7 @@ def test_a_page_served_elsewhere_connects_if_the_gateway_names_its_origin(rig: R
     feels(page)
     page.keyboard.press("Escape")
     page.locator("#force", has_text="0.00 N").wait_for(timeout=WITHIN_MS)
-    page.goto(rig.address(elsewhere.replace("127.0.0.1", "localhost"), gateway=rig.url))
+    page.goto(rig.address(f"{elsewhere}/page".replace("127.0.0.1", "localhost"), gateway=rig.url))
     page.locator("#link", has_text="does not answer").wait_for(timeout=WITHIN_MS)
 
 
