@@ -1,10 +1,12 @@
 """What happens in the sessions of the suite: networks, codecs, outages, restarts, closes, wraps; open and sealed."""
 
 from collections.abc import Callable
-from typing import Final
+from functools import partial
+from typing import Any, Final
 
 import msgpack
 
+from conformance.scenes import TISSUES, Soft, tissue
 from conformance.session import ENTRY, KEY, NETWORKS, OTHER_ENTRY, SHARED, SHARING, Scenario, Session
 from hapticnet.protocol.messages import Code
 from hapticnet.protocol.settings import SessionSettings
@@ -201,5 +203,68 @@ def _of_slaves() -> dict[str, Scenario]:
     }
 
 
+FEW: Final = {"positions": "line"}
+AHEAD: Final = {"announced": True}
+PREDICTED: Final = {"predicted": True}
+NEEDS: Final = {"positions": "share", "announced": "announced", "predicted": "predicted"}
+"""What a peer must have for a setting."""
+
+
+def against_delay(
+    play: Play,
+    asked: dict[str, Any],
+    network: str = "lossy",
+    codec: str = "deadband",
+    *,
+    scene: Callable[[int], Any] = Soft,
+    also: tuple[str, ...] = (),
+    **more: Any,
+) -> Scenario:
+    """Return a session whose master asks for few positions, announced contact or a predicted hand."""
+    needs = (*(NEEDS[name] for name in asked), *also)
+    more = {"least_n": felt(network), **more}
+    return Scenario(play=play, network=network, codec=codec, scene=scene, asked=asked, also=needs, **more)
+
+
+def _against_delay() -> dict[str, Scenario]:
+    """Return the sessions for a master of a peer that has something against delay."""
+    sessions: dict[str, Scenario] = {}
+    for i, network in enumerate(NETWORKS):
+        for name, asked in (("few positions", FEW), ("announced", AHEAD)):
+            sessions[f"{name}, {network}"] = against_delay(run(2.5), asked, network, axes=1 + i % 3)
+    for name, parameters in CODECS.items():
+        codec = name.split(" ")[0]
+        sessions[f"few positions, {name}"] = against_delay(run(1.5), FEW, codec=codec, parameters=parameters, axes=2)
+    for codec in ("deadband", "motion-predictive", "model-mediated"):
+        sessions[f"few positions, announced, {codec}"] = against_delay(run(1.5), FEW | AHEAD, codec=codec, axes=2)
+        sessions[f"predicted, {codec}"] = against_delay(run(1.5), PREDICTED, codec=codec, axes=2)
+    for kind in TISSUES:
+        for name, asked in (("few positions", FEW), ("announced", AHEAD)):
+            sessions[f"{name}, {kind} tissue"] = against_delay(
+                run(1.5), asked, "disorder", "motion-predictive", scene=partial(one_axis, kind), least_n=1.4
+            )
+    first = {"session": SessionSettings(first_sequence=2**32 - 60)}
+    for name, asked in (("few positions", FEW), ("announced", AHEAD)):
+        sessions |= {
+            f"{name}, silence": against_delay(outage(2.5), asked),
+            f"{name}, silence of a moment": against_delay(outage(0.25, forward=False), asked),
+            f"{name}, restart": against_delay(restart, asked, "slow"),
+            f"{name}, close of the slave": against_delay(closed_by_the_slave, asked, "disorder"),
+            f"{name}, wraps": against_delay(wraps, asked, "disorder", slave=first, also=("sequence",)),
+            f"{name}, clock that jumps": against_delay(jumps, asked, "slow", least_n=0.0),
+            f"{name}, sealed": against_delay(run(2.0), asked, "disorder", key=KEY),
+            f"{name}, 700 Hz at most": against_delay(
+                run(1.5), asked, rate_hz=997.3, slave={"fastest_rate_hz": 700.0}, least_n=0.5
+            ),
+        }
+    return sessions
+
+
+def one_axis(kind: str, _axes: int) -> Any:
+    """Return tissues that break, on one axis."""
+    return tissue(kind)
+
+
 MASTERS: Final = _scenarios()
 SLAVES: Final = _of_slaves()
+AGAINST_DELAY: Final = _against_delay()

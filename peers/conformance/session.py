@@ -1,6 +1,5 @@
 """A session in virtual time: hapticnet's master, a network, and a slave, of hapticnet or of a peer."""
 
-import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Final
@@ -10,6 +9,7 @@ import numpy as np
 
 from conformance import golden
 from conformance.child import Child, read_float, read_hex, write_floats, write_hex
+from conformance.scenes import Hand, Spring
 from conformance.script import Line, Recorder, master_line, random_line, seal_fields
 from hapticnet.channel.emulator import Emulator
 from hapticnet.channel.spec import parse_channel
@@ -22,7 +22,7 @@ from hapticnet.perception import WeberLaw
 from hapticnet.protocol.handshake import Door, SealedDoor
 from hapticnet.protocol.keys import NO_PSK, MasterEntry, MasterKey, PrivateKey, Roster
 from hapticnet.protocol.wire import OPEN, SEALED, Kind
-from hapticnet.samples import ForceSample, PositionSample
+from hapticnet.samples import PositionSample
 
 NETWORKS: Final = {
     "perfect": "delay=0ms",
@@ -56,32 +56,9 @@ class Scenario:
     key: MasterKey | None = None
     masters: tuple[MasterEntry, ...] = (ENTRY,)
     least_n: float = 0.0  # the largest force must come to this, so that something was felt
+    scene: Callable[[int], Any] = Spring  # of this number of axes
     asked: Mapping[str, Any] = field(default_factory=dict)  # more of `MasterSettings`
-    also: tuple[str, ...] = ()  # what the peer must have
-
-
-class Hand:
-    """A hand that goes in and out, not the same on each axis; it remembers where it is."""
-
-    duration_us = None
-
-    def __init__(self, axes: int) -> None:
-        self.axes = axes
-        self.position_m = (0.0,) * axes
-
-    def sample(self, t_us: int) -> tuple[float, ...]:
-        self.position_m = tuple(0.02 * (1.0 - math.cos(t_us / 2e5 * (1 + i))) + 1e-4 * i for i in range(self.axes))
-        return self.position_m
-
-
-class Spring:
-    """A spring of 300 N/m behind a place, on each axis."""
-
-    def __init__(self, axes: int, begins_m: float = 0.01) -> None:
-        self.axes, self.name, self._begins_m = axes, f"{axes} springs", begins_m
-
-    def step(self, sample: PositionSample) -> ForceSample:
-        return ForceSample(sample.t_us, tuple(300.0 * max(0.0, x - self._begins_m) for x in sample.position_m))
+    also: tuple[str, ...] = ()  # optional commands and keys that the peer must have
 
 
 class Watched:
@@ -214,15 +191,17 @@ class Session:
         )
 
     def _slave(self, seed: int | Sequence[int], axes: int | None = None, **settings: Any) -> Any:
-        key, rng, scene = self.scenario.key, np.random.default_rng(seed), Spring(axes or self.scenario.axes)
+        key, rng, scene_axes = self.scenario.key, np.random.default_rng(seed), axes or self.scenario.axes
         masters = self.scenario.masters
         if self.child is not None:
-            return PeerSlave(self.child, scene, seed, None if key is None else listed(SLAVE, masters))
+            return PeerSlave(
+                self.child, self.scenario.scene(scene_axes), seed, None if key is None else listed(SLAVE, masters)
+            )
         doors: dict[int, Door] | None = (
             None if key is None else {SEALED: SealedDoor(SLAVE.private, Roster(masters), rng)}
         )
         settings = {**self.scenario.slave, **settings}
-        return SlaveNode(lambda _: scene, SlaveSettings(**settings), rng, doors=doors)
+        return SlaveNode(lambda _: self.scenario.scene(scene_axes), SlaveSettings(**settings), rng, doors=doors)
 
     def run(self, seconds: float) -> None:
         """Let time pass."""

@@ -3,7 +3,7 @@
 import pytest
 
 from conformance import damage
-from conformance.scenarios import MASTERS, SLAVES
+from conformance.scenarios import AGAINST_DELAY, MASTERS, SLAVES
 from conformance.script import first_difference
 from conformance.session import played
 
@@ -12,6 +12,14 @@ from conformance.session import played
 def test_a_master_sends_the_same_bytes_and_applies_the_same_forces(child, name, require, script_of, note):
     require(MASTERS[name], "master")
     script = script_of(name, MASTERS[name])
+    assert first_difference(child, script) is None
+    note("ticks", sum(line.command.startswith("tick ") for line in script))
+
+
+@pytest.mark.parametrize("name", AGAINST_DELAY)
+def test_a_master_with_few_positions_or_announced_contact_agrees(child, name, require, script_of, note):
+    require(AGAINST_DELAY[name], "master")
+    script = script_of(name, AGAINST_DELAY[name])
     assert first_difference(child, script) is None
     note("ticks", sum(line.command.startswith("tick ") for line in script))
 

@@ -8,8 +8,9 @@ import pytest
 
 from conformance.child import read_hex, write_float, write_hex
 from conformance.golden import HERE, SESSION, Talk, datagrams, position
+from conformance.scenes import Hand, Spring
 from conformance.script import random_line
-from conformance.session import ENTRY, KEY, MASTER, SLAVE, Hand, PeerSlave, Spring, listed
+from conformance.session import ENTRY, KEY, MASTER, SLAVE, PeerSlave, listed
 from hapticnet.node.master import MasterNode
 from hapticnet.node.settings import MasterSettings
 from hapticnet.operator.base import UserOperator
