@@ -10,13 +10,13 @@
 
 #define EXPORT(name) __attribute__((export_name(#name)))
 
-enum { TEXT_BYTES = 1024 };
+enum { TEXT_BYTES = 1024, PAGE_BYTES = 65536 };
 
 static struct {
     uint8_t data[HN_DATAGRAM_BYTES + 8]; /* what arrives, a byte more at most, so that it is seen to be too long; why to end */
     uint8_t answer[HN_DATAGRAM_BYTES];   /* what is sent */
     char text[TEXT_BYTES];               /* the texts of a request or a slave, which stay; each ends with a zero */
-    double numbers[HN_MOST_PARAMETERS + 5];
+    double numbers[HN_MOST_PARAMETERS + 8];
     uint8_t address[HN_ADDRESS_BYTES];
     hn_key keys[3];
     hn_counts counts;
@@ -51,9 +51,10 @@ static const char *next_text(const char **at)
     return first;
 }
 
-/* Start the master. `text` has codec and name, and the name of each parameter; `numbers` the law's three, the rate,
- * the axes, and the value of each parameter. */
-EXPORT(masterInit) const char *master_init(unsigned parameters)
+/* Read a request. `text` has codec and name, and the name of each parameter; `numbers` the law's three, the rate, the
+ * axes, the share of few positions, whether contact is announced and the hand predicted, and the value of each
+ * parameter. */
+static hn_request read_request(unsigned parameters)
 {
     const char *at = io.text;
     hn_request request = {
@@ -64,9 +65,22 @@ EXPORT(masterInit) const char *master_init(unsigned parameters)
         .multiplier = io.numbers[2],
         .rate_hz = io.numbers[3],
         .axes = (unsigned)io.numbers[4],
+        .position_share = io.numbers[5],
+        .announced = io.numbers[6] != 0.0,
+        .predicted = io.numbers[7] != 0.0,
     };
     for (unsigned i = 0; i < parameters; i++)
-        request.parameters[i] = (hn_parameter){next_text(&at), io.numbers[5 + i]};
+        request.parameters[i] = (hn_parameter){next_text(&at), io.numbers[8 + i]};
+    return request;
+}
+
+/* Start the master; return what is wrong with the request, or NULL. */
+EXPORT(masterInit) const char *master_init(unsigned parameters)
+{
+    hn_request request = read_request(parameters);
+    size_t bytes = hn_more_bytes(&request), pages = (bytes + PAGE_BYTES - 1) / PAGE_BYTES;
+    if (bytes > 0)
+        request.more = hn_more_init((void *)(__builtin_wasm_memory_grow(0, pages) * PAGE_BYTES), &request);
     return hn_master_init(&master, &request, random32, NULL);
 }
 
@@ -154,16 +168,15 @@ static hn_decoder decoder;
 
 EXPORT(decoderInit) bool decoder_init(unsigned parameters)
 {
-    const char *at = io.text;
-    hn_settings s = {.codec = hn_codec_named(hn_text(next_text(&at))), .axes = (unsigned)io.numbers[4]};
-    s.weber_fraction = io.numbers[0];
-    s.floor_n = io.numbers[1];
-    s.multiplier = io.numbers[2];
+    hn_request request = read_request(parameters);
+    hn_settings s = {.codec = hn_codec_named(hn_text(request.codec)), .axes = request.axes};
+    s.weber_fraction = request.weber_fraction;
+    s.floor_n = request.floor_n;
+    s.multiplier = request.multiplier;
     bool good = s.codec != HN_CODEC_UNKNOWN && hn_law_is_allowed(&s);
     hn_set_defaults(&s);
-    next_text(&at);
     for (unsigned i = 0; i < parameters; i++)
-        good = hn_set(&s, hn_text(next_text(&at)), io.numbers[5 + i]) && good;
+        good = hn_set(&s, hn_text(request.parameters[i].name), request.parameters[i].value) && good;
     hn_decoder_init(&decoder, &s);
     return good;
 }

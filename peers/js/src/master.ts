@@ -29,6 +29,15 @@ export interface MasterOptions {
   readonly floorN?: number;
   /** Width of the dead zone in just-noticeable differences; 1 if omitted. */
   readonly multiplier?: number;
+  /**
+   * Ask for few positions: one is sent only if the force could differ by more than this share of the just-noticeable
+   * difference, 0.01 to 0.9. If omitted, every position is sent.
+   */
+  readonly positionShare?: number;
+  /** Render contact that the slave announces, so that a surface is felt without the delay of the link. */
+  readonly announced?: boolean;
+  /** Let the slave answer the force where the hand will be when it arrives. */
+  readonly predicted?: boolean;
   /** Keys of sealed sessions. Without them, sessions are open: anyone on the path can read and forge them. */
   readonly keys?: MasterKeys;
   /** Source of 32 unpredictable bits, for tests; the system's if omitted. */
@@ -40,12 +49,16 @@ export type Codec =
   | "raw"
   | "deadband"
   | "adaptive-predictive"
+  | "motion-predictive"
   | "linear-predictive"
   | "least-squares"
   | "level-crossing"
   | "velocity-adaptive"
+  | "passive-extrapolative"
+  | "passive-interpolative"
   | "probabilistic"
-  | "merging";
+  | "merging"
+  | "model-mediated";
 
 /** What a master does: asks, has a session, has one that is silent, ends it, has ended. */
 export type MasterState = "connecting" | "established" | "stale" | "closing" | "closed";
@@ -78,6 +91,7 @@ export class Master {
   constructor(options: MasterOptions = {}) {
     const { codec = "deadband", name = "hapticnet.js", axes = 1, rateHz = 1000, parameters = {} } = options;
     const { weberFraction = 0.05, floorN = 0.025, multiplier = 1 } = options;
+    const { positionShare = 0, announced = false, predicted = false } = options;
     const named = Object.entries(parameters);
     if (named.length > 5) throw new RangeError(`parameters has ${named.length} entries; a codec has at most 5`);
     if (!Number.isInteger(axes) || axes < 1) throw new RangeError(`axes is ${axes}; it must be 1 to ${MOST_AXES}`);
@@ -85,7 +99,8 @@ export class Master {
     this.rateHz = rateHz;
     this.#core = new Core(options.random32);
     this.#core.putTexts([codec, name, ...named.map(([key]) => key)]);
-    this.#core.putNumbers([weberFraction, floorN, multiplier, rateHz, axes, ...named.map(([, value]) => value)]);
+    const law = [weberFraction, floorN, multiplier, rateHz, axes, positionShare, Number(announced), Number(predicted)];
+    this.#core.putNumbers([...law, ...named.map(([, value]) => value)]);
     const wrong = this.#core.call.masterInit(named.length);
     if (wrong !== 0) throw new RangeError(`${this.#core.textAt(wrong)}: ${describe({ codec, name, axes, rateHz, ...options })}`);
     if (options.keys !== undefined) this.#seal(options.keys);

@@ -11,12 +11,29 @@ WebAssembly.Instance = class extends WebAssembly.Instance {
 const { Master, Slave } = await import("../dist/index.js");
 
 const CODECS = [
-  "raw", "deadband", "adaptive-predictive", "linear-predictive", "least-squares", "level-crossing", "probabilistic",
-  "merging",
+  "raw", "deadband", "adaptive-predictive", "motion-predictive", "linear-predictive", "least-squares", "level-crossing",
+  "velocity-adaptive", "passive-extrapolative", "passive-interpolative", "probabilistic", "merging", "model-mediated",
 ];
-const FEATURES = `language=JavaScript roles=master,slave codecs=${CODECS} slave_codecs=deadband,raw sealed=master,slave axes=3 also=sequence,decoder`;
+
+/** Return whether the library takes such a request. */
+function takes(options) {
+  try {
+    return new Master(options).state === "connecting";
+  } catch {
+    return false;
+  }
+}
+
+const MORE = { share: { positionShare: 0.25 }, announced: { announced: true }, predicted: { predicted: true } };
+/** Without the limit on forces that follow the hand, the library decodes velocity-adaptive, but hapticnet limits it. */
+const LIMITED = takes({ codec: "motion-predictive" }) ? [] : ["velocity-adaptive"];
+const FEATURES = [
+  "language=JavaScript roles=master,slave slave_codecs=deadband,raw sealed=master,slave axes=3",
+  `codecs=${CODECS.filter((codec) => !LIMITED.includes(codec) && takes({ codec }))}`,
+  `also=${["sequence", "decoder", ...Object.keys(MORE).filter((name) => takes(MORE[name]))]}`,
+].join(" ");
 const ALL = { master: ["codec", "name", "axes", "rateHz", "weberFraction", "floorN", "multiplier"], slave: ["scene", "axes"] };
-const KEYS = { rate: "rateHz", weber: "weberFraction", floor: "floorN", multiplier: "multiplier" };
+const KEYS = { rate: "rateHz", weber: "weberFraction", floor: "floorN", multiplier: "multiplier", share: "positionShare" };
 
 const toHex = (bytes) => (bytes?.length ? Array.from(bytes, (byte) => byte.toString(16).padStart(2, "0")).join("") : "-");
 
@@ -58,6 +75,7 @@ export function conversation() {
       else if (key === "name" || key === "scene") given[key] = toText(value);
       else if (key === "axes") given.axes = fromInt(value);
       else if (key === "codec") given.codec = value;
+      else if (key === "announced" || key === "predicted") given[key] = value === "1";
       else if (key in KEYS) given[KEYS[key]] = fromFloat(value);
       else throw new Error(`there is no key ${key}`);
     }
@@ -94,7 +112,7 @@ export function conversation() {
     new Uint8Array(memory.memory.buffer, memory.text(), texts.length).set(texts);
     const numbers = (count) => new Float64Array(memory.memory.buffer, memory.numbers(), count);
     const law = [given.weberFraction, given.floorN, given.multiplier];
-    numbers(5 + names.length).set([...law, 0, given.axes, ...Object.values(given.parameters)]);
+    numbers(8 + names.length).set([...law, 0, given.axes, 0, 0, 0, ...Object.values(given.parameters)]);
     if (!memory.decoderInit(names.length)) throw new Error("there is no such decoder");
     decoder = {
       receive(data, nowUs) {
