@@ -146,7 +146,7 @@ def test_the_time_of_the_plot_runs_evenly_although_messages_do_not(run_module):
             "firstSentence({ axes: 2, name: 'mujoco:m', parts: ['force@a', 'grip'] }, 'a box').replace(/, as.*ws/, '')",
             (
                 "A tool, elsewhere on the network, moves on two axes among a box of a MuJoCo model;"
-                " what it touches pushes back. It has 2 parts; you see the first, force@a."
+                " what it touches pushes back. It has 2 parts; you see the first, force at a."
             ),
         ),
         ("handSentence('page', 'you', 'tool')", "The ring is your hand; the tool follows it."),

@@ -28,7 +28,10 @@ export async function showDemonstration(box) {
   Object.assign(texts, { connecting: "Starting the demonstration", refused: "This demonstration does not run" });
   const all = await demonstrations();
   const one = all[shown];
-  if (!one) return;
+  if (!one) {
+    location.replace(addressOf()); // such as of an older gallery
+    return;
+  }
   const next = (shown + 1) % all.length;
   document.title = `${one.title} – hapticnet gallery`;
   const [back, on, heading, variants] = box.querySelectorAll("a, h2, ul");

@@ -21,9 +21,13 @@ function card({ title, sentence, picture }, index) {
   image.src = `static/${picture}`;
   image.alt = "";
   const heading = document.createElement("h2");
+  heading.id = `show-${index}`;
   heading.textContent = title;
   const words = document.createElement("p");
+  words.id = `words-${index}`;
   words.textContent = sentence;
+  link.setAttribute("aria-labelledby", heading.id); // a screen reader says the title first, then the sentence
+  link.setAttribute("aria-describedby", words.id);
   link.append(image, heading, words);
   item.append(link);
   return item;

@@ -255,7 +255,7 @@ export class Stage {
     document.body.toggleAttribute("data-offline", !online);
     if (this.hand) this.hand.obstacle = this._obstacle(online, source);
     const named = (words) => (this.isSpace ? words.replace("needle", "tool") : words);
-    byId("hand-state").textContent = online ? named(this._handWords()) : texts.connecting;
+    byId("hand-state").textContent = online ? named(this._handWords()) : this._closed?.final ? texts.closed : texts.connecting;
     byId("hint").textContent = online ? this._hint() : "";
     const withdraws = this._mayStopOthers && this._holder === "another";
     const letsGo = this._holder === "you";

@@ -98,7 +98,7 @@ const WHERE = ["one axis", "two axes", "three axes"];
  * @param {string} shapes what the scene says of its looks, in words; empty if nothing
  */
 export function firstSentence({ known, axes, tissues, name, parts = [] }, shapes) {
-  const others = parts.length > 1 ? ` It has ${parts.length} parts; you see the first, ${parts[0]}.` : "";
+  const others = parts.length > 1 ? ` It has ${parts.length} parts; you see the first, ${parts[0].replace("@", " at ")}.` : "";
   if (known && axes === 1) {
     const named = tissues.map((each) => each.name).filter((each) => each && !/^tissue \d+$/.test(each));
     const names = named.length && named.length <= MOST_NAMES ? ` (${named.join(", ")})` : "";
