@@ -15,16 +15,15 @@ if TYPE_CHECKING:
     from hapticnet.web.tape import Tape
 
 WATCH: Final = "watch it here: "  # start of the message with the page's address
-Files = Annotated[
-    list[Path],
-    typer.Argument(
-        metavar="FILE [FILE]", help="Recordings of master or slave, or any files with a force and its times."
-    ),
+File = Annotated[
+    Path, typer.Argument(metavar="FILE", help="Recording of a master or slave, or any file with a force and its times.")
 ]
+Second = Annotated[Path | None, typer.Argument(metavar="FILE", help="Another one, to be shown beside it.")]
 
 
 def replay(
-    file: Files,
+    file: File,
+    second: Second = None,
     page: options.Page = None,
     speed: Annotated[float, typer.Option(help="Speed at first, from 0.1 to 4; the page can change it.")] = 1.0,
     loop: Annotated[bool, typer.Option(help="Begin again at the end; the page can change it.")] = False,
@@ -42,12 +41,9 @@ def replay(
     from hapticnet.checks import check_parameter
     from hapticnet.cli.console import Console
     from hapticnet.cli.pages import listen_for, say_addresses
-    from hapticnet.errors import SettingsError
     from hapticnet.runtime.system import run
 
     check_parameter("--speed", speed, 0.1, 4.0)
-    if len(file) > 2:
-        raise SettingsError(f"{len(file)} files; one recording can be replayed, or two side by side")
     console = Console("replay")
     sock, access = listen_for(page, ("watch",), console, can="watch the recordings")
     from hapticnet.recordings.loading import load_recording
@@ -70,7 +66,9 @@ def replay(
         return tape
 
     try:
-        shown = Replay([load(path) for path in file], console.warn, speed=speed, loop=loop)
+        shown = Replay(
+            [load(each) for each in (file, second) if each is not None], console.warn, speed=speed, loop=loop
+        )
         say_addresses({WATCH: "watch"}, access, console)
         run(_serve(shown, access, sock))
     finally:

@@ -86,20 +86,15 @@ class Replay(Audience):
     ) -> None:
         super().__init__(None, say)
         self._tapes = tapes
-        self._together = together(tapes)
-        first_us = min(int(each.t_us[0]) for each in tapes)
-        self._begins_us = [int(each.t_us[0]) - first_us if self._together else 0 for each in tapes]
-        self._hello = self._describe(speed, loop=loop)
-
-    def _describe(self, speed: float, *, loop: bool) -> str:
+        at_once, first_us = together(tapes), min(int(each.t_us[0]) for each in tapes)
+        self._begins_us = [int(each.t_us[0]) - first_us if at_once else 0 for each in tapes]
         shown = [
-            {**tape.description(label if len(self._tapes) > 1 else ""), "begin_s": begin_us / 1e6}
-            for tape, label, begin_us in zip(self._tapes, LABELS, self._begins_us, strict=False)
+            {**tape.description(label if len(tapes) > 1 else ""), "begin_s": begin_us / 1e6}
+            for tape, label, begin_us in zip(tapes, LABELS, self._begins_us, strict=False)
         ]
-        return messages.text(
+        self._hello = messages.text(
             "hello", version=messages.VERSION, view="watch", speed=speed, loop=loop, history_s=messages.HISTORY_S,
-            duration_s=max(each["begin_s"] + each["duration_s"] for each in shown), together=self._together,
-            tapes=shown,
+            duration_s=max(each["begin_s"] + each["duration_s"] for each in shown), together=at_once, tapes=shown,
         )  # fmt: skip
 
     def _greet(self, client: "Client") -> None:
@@ -116,7 +111,7 @@ class Replay(Audience):
                 None if at_us < begin_us else tape.figures(int(tape.t_us[0]) + at_us - begin_us)
                 for tape, begin_us in zip(self._tapes, self._begins_us, strict=True)
             ]
-            client.post_replaceable(messages.text("figures", t_s=message.t_s, tapes=figures))
+            client.post(messages.text("figures", t_s=message.t_s, tapes=figures))
         else:
             raise MistakeError("a replay has no settings and no hand")
 

@@ -187,7 +187,6 @@ def test_what_cannot_be_replayed_is_one_line(run, tmp_path, recording):
     for arguments, said in {
         ("empty.csv",): "the file has no data",
         ("none.npz",): "it has no rows, so there is nothing to replay",
-        (recording,) * 3: "3 files; one recording can be replayed, or two side by side",
         (recording, "--speed", "9"): "--speed is 9.0; it must be between 0.1 and 4",
     }.items():
         named = [tmp_path / each if str(each).endswith((".csv", ".npz")) else each for each in arguments]

@@ -7,6 +7,7 @@ import { decode } from "./wire.js";
 const BLOCK = 4;
 const HEAD = 32;
 const KEPT = 60; // blocks, of a second each at 1 kHz: 1.5 MB
+const MOST_ASKED = 3; // at once: the server leaves answers out if more than 256 kB wait for a page
 const AGAIN_MS = 1500; // an answer that has not come by then was left out, and is asked for again
 
 /** Return the message in an ArrayBuffer; null if it is of a kind this page does not know. */
@@ -53,15 +54,18 @@ export class Blocks {
     this._last = Math.floor(about.duration_s / about.block_s);
     this._ask = ask;
     this._kept = new Map(); // by number, in the order of use
-    this._asked = new Map();
+    this._asked = new Map(); // when, by number
+    this._missing = []; // of what is shown, the next to ask for first
     this.version = 0; // grows with each block that arrives
   }
 
   put(block) {
     this._asked.delete(block.number);
+    this._missing = this._missing.filter((number) => number !== block.number);
     this._kept.set(block.number, block);
     if (this._kept.size > KEPT) this._kept.delete(this._kept.keys().next().value);
     this.version += 1;
+    this._askNext(performance.now());
   }
 
   /** Forget what was asked for, because the connection was lost. */
@@ -69,19 +73,27 @@ export class Blocks {
     this._asked.clear();
   }
 
-  /** The blocks from one time [s] to another, as far as they are there, oldest first; asks for the others. */
-  between(fromS, toS, nowMs) {
+  /**
+   * The blocks from one time [s] to another, as far as they are there, oldest first. Asks for the others, the one at
+   * `atS` first, then those before it.
+   */
+  between(fromS, toS, atS, nowMs) {
     const found = [];
+    const missing = [];
     const first = Math.max(0, Math.floor(fromS / this._seconds));
     for (let number = first; number <= Math.min(this._last, Math.floor(toS / this._seconds)); number += 1) {
       const block = this._kept.get(number);
-      if (!block) this._want(number, nowMs);
+      if (!block) missing.push(number);
       else {
         this._kept.delete(number);
         this._kept.set(number, block);
         found.push(block);
       }
     }
+    const now = Math.floor(atS / this._seconds);
+    const rank = (number) => (number <= now ? now - number : number - first);
+    this._missing = missing.sort((a, b) => rank(a) - rank(b));
+    this._askNext(nowMs);
     return found;
   }
 
@@ -91,9 +103,13 @@ export class Blocks {
     return number < 0 || number > this._last || this._kept.has(number);
   }
 
-  _want(number, nowMs) {
-    if (nowMs - (this._asked.get(number) ?? -Infinity) < AGAIN_MS) return;
-    this._asked.set(number, nowMs);
-    this._ask("block", { tape: this._tape, number });
+  _askNext(nowMs) {
+    for (const [number, sinceMs] of this._asked) if (nowMs - sinceMs > AGAIN_MS) this._asked.delete(number);
+    for (const number of this._missing) {
+      if (this._asked.size >= MOST_ASKED) return;
+      if (this._asked.has(number)) continue;
+      this._asked.set(number, nowMs);
+      this._ask("block", { tape: this._tape, number });
+    }
   }
 }

@@ -1,8 +1,9 @@
 // The time that a replay shows, and its controls: play and pause, seek, speed, loop, and their keys.
 
 const SPEEDS = [0.1, 0.25, 0.5, 1, 1.5, 2, 4];
-const LONGEST_STEP_S = 0.1; // a page that was hidden goes on where it was
-const STEPS_S = { ArrowLeft: -1, ArrowRight: 1, PageDown: -10, PageUp: 10 };
+const LONGEST_STEP_S = 0.5; // a page that was hidden goes on where it was
+const STEPS_S = { ArrowLeft: -1, ArrowRight: 1 };
+const LARGE_S = { PageDown: -10, PageUp: 10 }; // on the slider only: elsewhere these keys scroll
 const FINE = 0.1; // of a step, with Shift
 
 const byId = (id) => document.getElementById(id);
@@ -105,7 +106,7 @@ export class Player {
     const isControl = target.closest?.("button, select, a");
     if (key === " " && isControl) return; // it presses that
     if (target.closest?.("select")) return;
-    const step = STEPS_S[key] ?? null;
+    const step = STEPS_S[key] ?? (target.id === "seek" ? LARGE_S[key] : null) ?? null;
     if (key === " ") this.toggle();
     else if (step !== null) this.seek(this.timeS + step * (event.shiftKey ? FINE : 1));
     else if (key === "Home") this.seek(0);

@@ -72,11 +72,11 @@ function draw(nowMs) {
   const isReady = views.every((view) => view.isReady(player.timeS));
   player.advance(nowMs, isReady);
   if (wasPlaying && player.isPlaying) views.forEach((view) => view.resume());
-  views.forEach((view) => view.draw(player.timeS, player.speed, nowMs));
   if (player.timeS !== askedS && nowMs - askedMs > FIGURES_EVERY_MS && connection.isOpen) {
     [askedS, askedMs] = [player.timeS, nowMs];
     connection.send("figures", { t_s: askedS });
   }
+  views.forEach((view) => view.draw(player.timeS, player.speed, nowMs));
 }
 
 function setLink(level, text) {

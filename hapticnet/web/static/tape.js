@@ -65,7 +65,7 @@ export class TapeView {
   draw(timeS, speed, nowMs) {
     const at = timeS - this._about.begin_s;
     const before = Math.max(this._historyS, TRAIL_S);
-    const blocks = this.blocks.between(at - before, at + AHEAD_S * Math.max(1, speed), nowMs);
+    const blocks = this.blocks.between(at - before, at + AHEAD_S * Math.max(1, speed), at, nowMs);
     this._showScene(at, blocks);
     this._collect(blocks);
     this._show(at, timeS, nowMs);
@@ -112,6 +112,7 @@ export class TapeView {
       return item;
     }));
     this._find(".notes").hidden = notes.length === 0;
+    if (this._about.kind === "foreign") this._find('[data-line="true"]').childNodes[1].data = "force"; // whose, nobody says
     const named = { ".stage": "scene", ".plot": "forces", ".legend": "lines of the plot", ".tiles": "traffic and felt error" };
     for (const [selector, what] of Object.entries(named)) this._find(selector).ariaLabel = `${this._name}, ${what}`;
     this._find(".chart").ariaLabel = `${this._name}: forces over the five seconds before the time shown`;
