@@ -115,9 +115,9 @@ run-figure: $(VENV)/installed-plot
 # built with and simulated in; systemd checks its units, strace what its filter permits; mmdebstrap makes clean systems.
 SYSTEM_PACKAGES := gcc libc6-dev libssl-dev iproute2 gcc-avr avr-libc libsimavr-dev libelf-dev systemd strace mmdebstrap
 
-# What peers/ is built with and tested on: a microcontroller, WebAssembly, C#.
+# What peers/ is built with and tested on: a microcontroller, WebAssembly, C#, Rust.
 PEER_PACKAGES := clang g++ cmake pkg-config gcc-arm-none-eabi libnewlib-arm-none-eabi qemu-system-arm \
-	lld wasi-libc libclang-rt-dev-wasm32 mono-mcs mono-runtime libmono-system-core4.0-cil
+	lld wasi-libc libclang-rt-dev-wasm32 mono-mcs mono-runtime libmono-system-core4.0-cil rustc cargo
 
 system-packages:
 	@if ! { command -v gcc && command -v ip && command -v mmdebstrap && command -v systemd-analyze && command -v strace && command -v avr-gcc && \
@@ -129,7 +129,7 @@ system-packages:
 	@test -e /usr/include/fastdds || ! command -v apt-get >/dev/null || \
 		{ $(APT) update -qq && $(APT) install -y -qq --no-install-recommends g++ libfastrtps-dev; } || \
 		echo 'no Fast DDS here: extras/ros2 is not tested against it'
-	@{ command -v clang && command -v clang++ && command -v g++ && command -v cmake && command -v wasm-ld && test -e /usr/include/wasm32-wasi && command -v mcs && command -v mono && command -v node && command -v npm && \
+	@{ command -v clang && command -v clang++ && command -v g++ && command -v cmake && command -v wasm-ld && test -e /usr/include/wasm32-wasi && command -v mcs && command -v mono && command -v cargo && command -v node && command -v npm && \
 			command -v arm-none-eabi-gcc && command -v qemu-system-arm; } >/dev/null || ! command -v apt-get >/dev/null || \
 		{ $(APT) update -qq && $(APT) install -y -qq --no-install-recommends $(PEER_PACKAGES) \
 			$$(command -v npm >/dev/null || echo nodejs npm); } || \

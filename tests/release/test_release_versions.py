@@ -30,7 +30,10 @@ def test_every_package_has_the_version_of_hapticnet_and_needs_that_series_of_it(
 def test_the_other_files_that_state_a_version_state_this_one():
     cmake = (ROOT / "peers" / "c" / "CMakeLists.txt").read_text()
     assert re.search(r"^project\(hapticnet VERSION (\S+)", cmake, re.MULTILINE)[1] == VERSION
-    assert json.loads((ROOT / "peers" / "js" / "package.json").read_text())["version"] == VERSION
+    for package in ("js", "csharp/Hapticnet"):
+        assert json.loads((ROOT / "peers" / package / "package.json").read_text())["version"] == VERSION
+    crate = tomllib.loads((ROOT / "peers" / "rust" / "Cargo.toml").read_text())["package"]
+    assert crate["version"] == VERSION
     assert yaml.safe_load((ROOT / "CITATION.cff").read_text())["version"] == VERSION
     assert re.search(r"^## (\S+)", (ROOT / "CHANGELOG.md").read_text(), re.MULTILINE)[1] == VERSION
 

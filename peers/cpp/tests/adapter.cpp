@@ -105,17 +105,33 @@ class Adapter {
     }
 
   private:
-    // Whether a master may ask for a codec. hapticnet's also bounds the force of velocity-adaptive: they differ there.
-    static bool has(const std::string &codec)
+    static bool takes(const Request &request)
     {
         try {
-            Request request;
-            request.codec = codec;
             Master master(request);
-            return codec != "velocity-adaptive";
+            return true;
         } catch (const Error &) {
             return false;
         }
+    }
+
+    static bool has(const std::string &codec)
+    {
+        Request request;
+        request.codec = codec;
+        return takes(request);
+    }
+
+    static std::string also()
+    {
+        std::string keys;
+        Request few, announced, predicted;
+        few.position_share = 0.25;
+        announced.announced = predicted.predicted = true;
+        keys += takes(few) ? ",share" : "";
+        keys += takes(announced) ? ",announced" : "";
+        keys += takes(predicted) ? ",predicted" : "";
+        return keys.empty() ? "-" : keys.substr(1);
     }
 
     static std::string features()
@@ -123,7 +139,8 @@ class Adapter {
         std::string codecs;
 #define NAME_OF(symbol, name) name,
         for (const std::string codec : {HN_CODECS(NAME_OF)})
-            if (has(codec))
+            // Like the codecs that follow the hand, hapticnet's master bounds this one: without that, they differ.
+            if (has(codec) && (codec != "velocity-adaptive" || has("motion-predictive")))
                 codecs += (codecs.empty() ? "" : ",") + codec;
 #ifdef HAPTICNET_HAS_SEALED
         const std::string sealed = "master,slave";
@@ -131,7 +148,7 @@ class Adapter {
         const std::string sealed = "-";
 #endif
         return "language=C++ roles=master,slave codecs=" + codecs + " slave_codecs=deadband,raw sealed=" + sealed +
-               " axes=" + std::to_string(HN_MOST_AXES) + " also=-";
+               " axes=" + std::to_string(HN_MOST_AXES) + " also=" + also();
     }
 
     std::string begin_random(const Bytes &bytes)
@@ -176,6 +193,12 @@ class Adapter {
                 request.floor_n = real(value);
             else if (key == "multiplier")
                 request.multiplier = real(value);
+            else if (key == "share")
+                request.position_share = real(value);
+            else if (key == "announced")
+                request.announced = value == "1";
+            else if (key == "predicted")
+                request.predicted = value == "1";
             else if (key.substr(0, 2) == "p.")
                 request.parameters.emplace_back(key.substr(2), real(value));
             else

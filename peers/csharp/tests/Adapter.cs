@@ -105,18 +105,35 @@ internal sealed class Adapter
         var codecs = new List<string>();
         foreach (string codec in Node.Codecs)
         {
-            try
-            {
-                new Master(new Request { Codec = codec }).Dispose();
+            if (Takes(new Request { Codec = codec }))
                 codecs.Add(codec);
-            }
-            catch (HapticException)
-            {
-            }
         }
-        codecs.Remove("velocity-adaptive"); // hapticnet's master bounds its force, so they differ there
+        // Like the codecs that follow the hand, hapticnet's master bounds this one: without that, they differ.
+        if (!codecs.Contains("motion-predictive"))
+            codecs.Remove("velocity-adaptive");
+        var also = new List<string>();
+        if (Takes(new Request { PositionShare = 0.25 }))
+            also.Add("share");
+        if (Takes(new Request { Announced = true }))
+            also.Add("announced");
+        if (Takes(new Request { Predicted = true }))
+            also.Add("predicted");
         return "language=C# roles=master,slave codecs=" + string.Join(",", codecs)
-            + " slave_codecs=deadband,raw sealed=master,slave axes=3 also=-";
+            + " slave_codecs=deadband,raw sealed=master,slave axes=3 also="
+            + (also.Count > 0 ? string.Join(",", also) : "-");
+    }
+
+    private static bool Takes(Request request)
+    {
+        try
+        {
+            new Master(request).Dispose();
+            return true;
+        }
+        catch (HapticException)
+        {
+            return false;
+        }
     }
 
     private string Run(string[] fields)
@@ -186,6 +203,12 @@ internal sealed class Adapter
                 request.FloorN = Real(value);
             else if (key == "multiplier")
                 request.Multiplier = Real(value);
+            else if (key == "share")
+                request.PositionShare = Real(value);
+            else if (key == "announced")
+                request.Announced = value == "1";
+            else if (key == "predicted")
+                request.Predicted = value == "1";
             else if (key.StartsWith("p.", StringComparison.Ordinal))
                 request.Parameters[key.Substring(2)] = Real(value);
             else
