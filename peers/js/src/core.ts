@@ -84,7 +84,9 @@ export class Core {
 
   constructor(random32: Random32 = systemRandom32) {
     this.#bytes = (at, size) => new Uint8Array(this.call.memory.buffer, at, size);
-    const env = { random32: () => random32() | 0, hn_host_pow: Math.pow, ...primitives(this.#bytes) };
+    const { pow, expm1, log1p } = Math;
+    const host = { hn_host_pow: pow, hn_host_expm1: expm1, hn_host_log1p: log1p };
+    const env = { random32: () => random32() | 0, ...host, ...primitives(this.#bytes) };
     this.call = new WebAssembly.Instance(library, { env }).exports as unknown as Exports;
   }
 
