@@ -7,6 +7,8 @@ from conformance.scenarios import AGAINST_DELAY, MASTERS, SLAVES
 from conformance.script import first_difference
 from conformance.session import played
 
+LIBM_ULPS = 4
+
 
 @pytest.mark.parametrize("name", MASTERS)
 def test_a_master_sends_the_same_bytes_and_applies_the_same_forces(child, name, require, script_of, note):
@@ -20,7 +22,8 @@ def test_a_master_sends_the_same_bytes_and_applies_the_same_forces(child, name, 
 def test_a_master_with_few_positions_or_announced_contact_agrees(child, name, require, script_of, note):
     require(AGAINST_DELAY[name], "master")
     script = script_of(name, AGAINST_DELAY[name])
-    assert first_difference(child, script) is None
+    has_own = child.features.get("libm") == "own" and "stiffening" in name
+    assert first_difference(child, script, LIBM_ULPS if has_own else 0) is None
     note("ticks", sum(line.command.startswith("tick ") for line in script))
 
 

@@ -28,7 +28,7 @@ const MORE = { share: { positionShare: 0.25 }, announced: { announced: true }, p
 /** Without the limit on forces that follow the hand, the library decodes velocity-adaptive, but hapticnet limits it. */
 const LIMITED = takes({ codec: "motion-predictive" }) ? [] : ["velocity-adaptive"];
 const FEATURES = [
-  "language=JavaScript roles=master,slave slave_codecs=deadband,raw sealed=master,slave axes=3",
+  "language=JavaScript roles=master,slave slave_codecs=deadband,raw sealed=master,slave axes=3 libm=own",
   `codecs=${CODECS.filter((codec) => !LIMITED.includes(codec) && takes({ codec }))}`,
   `also=${["sequence", "decoder", ...Object.keys(MORE).filter((name) => takes(MORE[name]))]}`,
 ].join(" ");
