@@ -21,7 +21,7 @@ from hapticnet.node.offline import force_datagram_bytes
 from hapticnet.perception import WeberLaw
 from hapticnet.protocol.seal import TAG_BYTES
 from hapticnet.protocol.wire import UDP_IPV4_HEADER_BYTES, Kind
-from hapticnet.recordings.loading import FASTEST_HZ, Recording
+from hapticnet.recordings.loading import Recording
 from hapticnet.recordings.session.session import (
     IN_FORCE,
     INCOMPLETE,
@@ -55,7 +55,6 @@ class Span(NamedTuple):
     codec: str
     law: WeberLaw
     scene: str
-    rate_hz: float  # as granted
     line: str  # in words
 
 
@@ -121,7 +120,7 @@ class Tape:
         """Return what the whole recording comes to: packets a second, and the share of the time above one JND."""
         total = {name: int(sums[-1]) for name, sums in self.sums.items()}
         felt_s = total["raw_packets"] / self.rate_hz
-        whole_s = max((int(self.t_us[-1]) - int(self.t_us[0])) / 1e6, 1 / self.rate_hz)
+        whole_s = max(self._seconds(len(self.t_us) - 1), 1 / self.rate_hz)
         rate = total["packets"] / felt_s if felt_s else len(self.back) / whole_s
         return {
             "codecs": list(dict.fromkeys(span.codec for span in self.spans)),
@@ -149,24 +148,18 @@ class Tape:
     def description(self, label: str) -> dict[str, Any]:
         """Return what a page must know of it at first; times count from its first row."""
         first_us = int(self.t_us[0])
-        words = [event for event in self.events if event.name != IN_FORCE]
+        events = [event for event in self.events if event.name != IN_FORCE][:MOST_EVENTS]
         return {
             "label": label, "name": self.path.name, "kind": self.kind, "notes": self.notes,
-            "rate_hz": self.spans[0].rate_hz if self.spans else self.rate_hz, "summary": self.summary(),
+            "summary": self.summary(),
             "unix_s": None if self.unix_offset_us is None else (first_us + self.unix_offset_us) / 1e6,
             "axes": self.axes, "block_s": self.block_us / 1e6, "duration_s": self._seconds(len(self.t_us) - 1),
             "columns": ["t", *COLUMNS], "scenes": self.scenes, "shapes": self.shapes,
             "known": [name for name, row in zip(COLUMNS, self.rows, strict=True) if np.isfinite(row).any()],
             "top_n": float(np.fmax.reduce(self.rows[:4], axis=None, initial=0.0)),
             "bottom_n": float(np.fmin.reduce(self.rows[:4], axis=None, initial=0.0)),
-            "spans": [
-                {"t_s": self._seconds(span.row), "codec": span.codec, "line": span.line, **asdict(span.law)}
-                for span in self.spans
-            ],
-            "events": [
-                {"t_s": (each.t_us - first_us) / 1e6, "name": each.name, "text": each.text[:LONGEST_EVENT]}
-                for each in words[:MOST_EVENTS]
-            ],
+            "spans": [one._asdict() | {"t_s": self._seconds(one.row), "law": asdict(one.law)} for one in self.spans],
+            "events": [(1e-6 * (each.t_us - first_us), each.name, each.text[:LONGEST_EVENT]) for each in events],
         }  # fmt: skip
 
     def _seconds(self, row: int) -> float:
@@ -181,13 +174,9 @@ class Tape:
         first, last = np.searchsorted(self.back[:, 0], [then_us, t_us], side="right")
         before = int(np.searchsorted(self.t_us, then_us, side="right"))
         elapsed_s = min(1.0, max(0.2, (t_us - int(self.t_us[0])) / 1e6))
-        rates = {
-            "packets": float(last - first),
-            "bytes": float(self.back[first:last, 2].sum()),
-            "raw_packets": float(row - before),
-        }
-        names = ("packets", "bytes", "raw_packets")
-        totals: dict[str, float] = {n: int(self.sums[n][row]) - int(self.sums[n][since]) for n in names}
+        counts = float(last - first), float(self.back[first:last, 2].sum()), float(row - before)
+        rates = dict(zip(("packets", "bytes", "raw_packets"), counts, strict=True))
+        totals: dict[str, float] = {name: int(self.sums[name][row]) - int(self.sums[name][since]) for name in rates}
         for each in (rates, totals):
             each["raw_bytes"] = each["raw_packets"] * self._raw_bytes
         return totals | {f"{name}_per_s": round(rate / elapsed_s, 1) for name, rate in rates.items()}
@@ -203,9 +192,7 @@ class Tape:
                 self.notes.append("some of its settings in force are damaged and were left out")
                 continue
             row = int(np.searchsorted(self.t_us, t_us))
-            codec, scene, rate_hz = str(settings.get("codec"))[:40], str(settings.get("scene")), settings.get("rate_hz")
-            granted = float(rate_hz) if isinstance(rate_hz, (int, float)) and 0 < rate_hz < FASTEST_HZ else self.rate_hz
-            yield Span(row, codec, law, scene, granted, line)
+            yield Span(row, str(settings.get("codec"))[:40], law, str(settings.get("scene")), line)
 
     def _follow_scenes(self) -> None:
         """Move a copy of each scene along; keep how it looks, and the true force where it is not recorded."""

@@ -161,8 +161,7 @@ def test_a_force_of_another_program_has_no_packets_and_says_so(tmp_path):
 
 
 def test_two_recordings_share_a_clock_if_they_were_made_at_once(tmp_path):
-    first, second = (insertion(tmp_path, seconds=1.0)[0] for _ in "AB")
-    later, _, _ = insertion(tmp_path, seconds=1.0, offset_us=3_600_000_000)
+    first, second, later = (insertion(tmp_path, seconds=1.0, offset_us=each)[0] for each in (0, 9, 3_600_000_000))
     assert [together(each) for each in ([first, second], [first, later], [first])] == [True, False, False]
 
 

@@ -192,8 +192,8 @@ export class TapeView {
     let k = 0;
     for (let row = 0; row < time.length; row += 1) {
       while (k + 1 < spans.length && spans[k + 1].t_s <= time[row]) k += 1;
-      const law = spans[k];
-      if (!law || law.codec === "raw" || !(law.multiplier > 0)) continue;
+      const { codec, law } = spans[k] ?? {};
+      if (!law || codec === "raw" || !(law.multiplier > 0)) continue;
       const threshold = law.multiplier * jnd(law, received[row]);
       [low[row], high[row]] = [received[row] - threshold, received[row] + threshold];
     }
@@ -234,14 +234,14 @@ export class TapeView {
     for (const line of ["true", "held", "sensed"]) this._legend(line, newtons(seen(line)));
     const { low, high } = this._plot.band(hovered) ?? { low: value("low"), high: value("high") };
     this._legend("band", Number.isFinite(high - low) ? `±${(500 * (high - low)).toFixed(0)} mN` : "none");
-    const law = this._about.spans.findLast(({ t_s: fromS }) => fromS <= at) ?? this._about.spans[0];
-    const apart = law && value("error") / jnd(law, value("held"));
+    const span = this._about.spans.findLast(({ t_s: fromS }) => fromS <= at) ?? this._about.spans[0];
+    const apart = span && value("error") / jnd(span.law, value("held"));
     const words = Number.isFinite(apart) ? `Held ${newtons(value("held"))}, true ${newtons(value("true"))}: ${apart.toFixed(1)} JND apart`
       : this._about.known.includes("true") ? "" : "The true force is not known here";
     write(this._find(".force"), words);
-    const event = this._about.events.findLast(({ t_s: fromS }) => fromS <= at);
-    const news = event && at - event.t_s < NEWS_S ? `${clock(event.t_s + this._about.begin_s)} ${eventWords(event)}` : "";
-    const line = write(this._find(".newest"), [this._about.spans.length ? `In force: ${law.line}` : "", news].filter(Boolean).join(" · "));
+    const [eventS, ...event] = this._about.events.findLast(([fromS]) => fromS <= at) ?? [-Infinity];
+    const news = at - eventS < NEWS_S ? `${clock(eventS + this._about.begin_s)} ${eventWords(...event)}` : "";
+    const line = write(this._find(".newest"), [this._about.spans.length ? `In force: ${span.line}` : "", news].filter(Boolean).join(" · "));
     line.title = line.textContent;
   }
 
@@ -285,14 +285,14 @@ function lastUpTo(times, at) {
 }
 
 /** What a recording is, in a line. */
-function aboutWords({ kind, unix_s: unixS, rate_hz: rateHz, scenes }) {
+function aboutWords({ kind, unix_s: unixS, scenes }) {
   const when = Number.isFinite(unixS) && Math.abs(unixS) < 1e11 ? `${new Date(1000 * unixS).toISOString().slice(0, 16).replace("T", " ")} UTC` : "";
   const scene = scenes.at(-1).name;
-  return [kind === "foreign" ? "" : `recorded by a ${kind}`, when, `${count(rateHz)} Hz`, scene && `scene ${scene}`].filter(Boolean).join(" · ");
+  return [kind === "foreign" ? "" : `recorded by a ${kind}`, when, scene && `scene ${scene}`].filter(Boolean).join(" · ");
 }
 
 /** An event as its name, and the first of its texts. */
-function eventWords({ name, text }) {
+function eventWords(name, text) {
   const words = name.replace(/(?<=[a-z])(?=[A-Z])/g, " ").toLowerCase();
   try {
     const said = Object.values(JSON.parse(text) ?? {}).find((each) => typeof each === "string");
