@@ -110,7 +110,7 @@ class Gallery(ViewSite):
                 reason = "another demonstration was started" if is_other else "the demonstration has ended"
                 code = CloseCode.MASTER_ENDED
         except HapticnetError as error:
-            self._say(f"demonstration {request.query['show']} cannot be started: {error}")
+            self._say(f"demonstration {request.query.get('show', '')} cannot be started: {error}")
             code, reason = CloseCode.NOT_STARTED, f"the demonstration cannot be started: {error}"
         finally:
             self._watching -= 1

@@ -70,9 +70,10 @@ class Client:
     blocks: list[tuple[int, float, np.ndarray]] = field(default_factory=list)
     raw: list[str | bytes] = field(default_factory=list)
     closed: bool = False
+    reason: str = ""  # of the end, if one was given
 
     async def read(self) -> None:
-        async for message in self.socket:
+        while (message := await self.socket.receive()).type in (aiohttp.WSMsgType.TEXT, aiohttp.WSMsgType.BINARY):
             self.raw.append(message.data)
             if message.type is aiohttp.WSMsgType.TEXT:
                 self.json.append(json.loads(message.data))
@@ -80,7 +81,7 @@ class Client:
                 self.frames.append(read_frame(message.data))
             else:
                 self.blocks.append(read_samples(message.data))
-        self.closed = True
+        self.closed, self.reason = True, message.extra or ""
 
     async def say(self, kind: str, **content: Any) -> None:
         await self.socket.send_str(json.dumps({"type": kind, **content}))

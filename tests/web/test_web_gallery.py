@@ -3,26 +3,26 @@
 import asyncio
 import json
 from collections.abc import AsyncIterator
-from contextlib import asynccontextmanager
-from typing import Any
-
-from aiohttp import WSMsgType
+from contextlib import AbstractAsyncContextManager, asynccontextmanager
+from dataclasses import dataclass, field, replace
 
 from hapticnet.cli.given import MasterOptions, SlaveOptions
 from hapticnet.errors import UnavailableError
 from hapticnet.runtime.udp import HostPort
-from hapticnet.web.access import listen_for_pages
+from hapticnet.web.access import Access, listen_for_pages
 from hapticnet.web.gallery import Demonstration, Gallery, demonstrations
 from hapticnet.web.messages import CloseCode
 from hapticnet.web.server import static_files
-from tests.web.rig import Client, Rig, played, rig, until
+from tests.web.rig import Client, Rig, connected, played, rig, until
 
 
+@dataclass
 class Shown:
     """A demonstration whose master is that of a rig."""
 
-    def __init__(self, url: str, wanted: Demonstration) -> None:
-        self.url, self.wanted, self.is_over = url, wanted, False
+    url: str
+    wanted: Demonstration
+    is_over: bool = False
 
     def has_ended(self) -> bool:
         return self.is_over
@@ -31,13 +31,15 @@ class Shown:
         self.is_over = True
 
 
-class Theatre:
+@dataclass
+class House:
     """A gallery beside a rig, and what it started."""
 
-    def __init__(self, around: Rig, *, unwatched_s: float = 30.0) -> None:
-        sock, self.access = listen_for_pages(HostPort("127.0.0.1", 0))
-        self.around, self.started, self.said, self.fault = around, list[Shown](), list[str](), ""
-        self.gallery = Gallery(self.access, sock, self.start, self.said.append, unwatched_s=unwatched_s)
+    around: Rig
+    access: Access
+    started: list[Shown] = field(default_factory=list)
+    said: list[str] = field(default_factory=list)
+    fault: str = ""
 
     def start(self, wanted: Demonstration) -> Shown:
         if self.fault:
@@ -45,38 +47,28 @@ class Theatre:
         self.started.append(Shown(self.around.access.url("watch"), wanted))
         return self.started[-1]
 
-    def socket(self, query: str, token: str | None = None) -> Any:
-        place = f"http://{self.access.host}:{self.access.port}"
-        address = f"{place}/socket/watch?token={token or self.access.tokens['watch']}&{query}"
-        return self.around.http.ws_connect(address, headers={"Origin": place})
+    def visit(self, query: str, token: str = "") -> AbstractAsyncContextManager[Client]:
+        access = replace(self.access, tokens={"watch": f"{token or self.access.tokens['watch']}&{query}"})
+        return connected(self.around.http, access, "watch", Client)
 
-    @asynccontextmanager
-    async def visit(self, query: str) -> AsyncIterator[Client]:
-        async with self.socket(query) as socket:
-            client = Client(socket)
-            reader = asyncio.ensure_future(client.read())
-            try:
-                yield client
-            finally:
-                reader.cancel()
-
-    async def end_of(self, query: str, token: str | None = None) -> tuple[int, str]:
+    async def end_of(self, query: str, token: str = "") -> tuple[int | None, str]:
         """Return code and reason with which a page is sent away."""
-        async with self.socket(query, token) as socket:
-            while (message := await socket.receive()).type is not WSMsgType.CLOSE:
-                pass
-            return message.data, message.extra
+        async with self.visit(query, token) as page:
+            await until(lambda: page.closed)
+            return page.socket.close_code, page.reason
 
 
 @asynccontextmanager
-async def theatre(**settings: float) -> AsyncIterator[Theatre]:
+async def theatre(unwatched_s: float = 30.0) -> AsyncIterator[House]:
     async with rig() as around:
-        made = Theatre(around, **settings)
-        await made.gallery.start()
+        sock, access = listen_for_pages(HostPort("127.0.0.1", 0))
+        house = House(around, access)
+        gallery = Gallery(access, sock, house.start, house.said.append, unwatched_s=unwatched_s)
+        await gallery.start()
         try:
-            yield made
+            yield house
         finally:
-            await made.gallery.stop()
+            await gallery.stop()
 
 
 @played
@@ -131,7 +123,7 @@ async def test_a_start_that_fails_is_one_line_on_the_page_and_at_the_terminal():
         assert reason.startswith("the demonstration cannot be started: 'hapticnet slave' failed (1)")
         assert house.said == [f"demonstration 1 cannot be started: {house.fault}"]
         house.fault = ""
-        assert (await house.end_of("show=0"))[0] == CloseCode.NOT_STARTED
+        assert (await house.end_of("variant=1"))[0] == CloseCode.NOT_STARTED
         assert (await house.end_of("show=1", "wrong"))[0] == CloseCode.WRONG_TOKEN
         async with house.visit("show=1") as page:
             await page.hear("hello")
