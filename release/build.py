@@ -94,12 +94,15 @@ def build_compiled(source: Source, out: Path) -> None:
 
 
 def build_c(source: Source, out: Path) -> None:
-    """Pack the C library, with the header for C++."""
-    peers = source.folder / "peers"
-    files = files_below(peers / "c") | {"LICENSE": source.folder / "LICENSE"}
-    files["include/hapticnet.hpp"] = peers / "cpp" / "hapticnet.hpp"
-    prefix = f"hapticnet-c-{source.version}"
-    write_tarball(out / f"{prefix}.tar.gz", prefix, files, source.epoch_s)
+    """Pack the C library with the header for C++, and the C# binding with the library that it builds."""
+    c, cpp, csharp = (source.folder / "peers" / name for name in ("c", "cpp", "csharp"))
+    whole = files_below(c) | {"include/hapticnet.hpp": cpp / "hapticnet.hpp"}
+    whole |= {f"examples/{name}": path for name, path in files_below(cpp / "examples").items()}
+    both = {f"{folder.name}/{name}": path for folder in (c, csharp) for name, path in files_below(folder).items()}
+    for name, files in (("c", whole), ("csharp", both)):
+        prefix = f"hapticnet-{name}-{source.version}"
+        licence = {"LICENSE": source.folder / "LICENSE"}
+        write_tarball(out / f"{prefix}.tar.gz", prefix, files | licence, source.epoch_s)
 
 
 def build_npm(source: Source, out: Path) -> None:
@@ -153,7 +156,7 @@ def write_origin(source: Source, out: Path) -> None:
 def sdists(out: Path) -> list[str]:
     """Return the names of the source distributions in a folder, without the end of the file's name."""
     names = [path.name.removesuffix(".tar.gz") for path in sorted(out.glob("*.tar.gz"))]
-    return [name for name in names if not name.startswith(("hapticnet-c-", "hapticnet-site-"))]
+    return [name for name in names if not name.startswith(("hapticnet-c-", "hapticnet-csharp-", "hapticnet-site-"))]
 
 
 def write_digests(out: Path) -> None:

@@ -1,6 +1,5 @@
 """Clean Debian systems, without compiler and network, to install in what is published. Needs root and mmdebstrap."""
 
-import os
 import shutil
 import subprocess
 import sys
@@ -32,8 +31,7 @@ exec env -i PATH=/usr/bin:/usr/sbin HOME=/tmp LC_ALL=C.UTF-8 \\
 
 def missing_tools() -> list[str]:
     """Return what is missing to make a clean system."""
-    missing = [name for name in ("mmdebstrap", "unshare", "ip", "apt-get") if shutil.which(name) is None]
-    return missing if os.geteuid() == 0 else ["root", *missing]
+    return [name for name in ("mmdebstrap", "unshare", "ip", "apt-get") if shutil.which(name) is None]
 
 
 def make_base(release: str) -> Path:

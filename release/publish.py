@@ -76,6 +76,7 @@ def expected(version: str) -> list[str]:
         f"hapticnet-{version}.tgz",
         f"hapticnet-{version}.cdx.json",
         f"hapticnet-c-{version}.tar.gz",
+        f"hapticnet-csharp-{version}.tar.gz",
         f"hapticnet-site-{version}.tar.gz",
     ]
 

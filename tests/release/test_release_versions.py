@@ -61,24 +61,21 @@ def test_a_whole_release_of_a_tagged_commit_can_be_published(release):
     root, out = release
     assert problems(root, out) == []
     upload = next(command for command in commands("1.2.3", out, "REGISTRY/NAME") if "upload" in command)
-    assert sorted(Path(each).name for each in upload if each.startswith(str(out))) == [
-        "hapticnet-1.2.3-py3-none-any.whl",
-        "hapticnet-1.2.3-xmanylinuxx.whl",
-        "hapticnet-1.2.3.tar.gz",
-    ]
+    packages = {"hapticnet-1.2.3-py3-none-any.whl", "hapticnet-1.2.3-xmanylinuxx.whl", "hapticnet-1.2.3.tar.gz"}
+    assert {Path(each).name for each in upload if each.startswith(str(out))} == packages
 
 
 @pytest.mark.parametrize(
     ("spoil", "said"),
     [
-        (lambda root, out: (root / "new.py").write_text(""), "files here differ"),  # noqa: ARG005
-        (lambda root, out: subprocess.run(["git", "-C", root, "tag", "-d", "v1.2.3"], check=True), "no tag v1.2.3"),  # noqa: ARG005
-        (lambda root, out: (root / "CHANGELOG.md").write_text("## 1.2.3 (unreleased)\n"), "no date for 1.2.3"),  # noqa: ARG005
-        (lambda root, out: (out / "hapticnet-1.2.3.tgz").write_text("altered"), "hapticnet-1.2.3.tgz differs"),  # noqa: ARG005
-        (lambda root, out: (out / "added.whl").write_text(""), "added.whl differs"),  # noqa: ARG005
-        (lambda root, out: (out / "SHA256SUMS").unlink(), "has no SHA256SUMS"),  # noqa: ARG005
-        (lambda root, out: (out / "origin.json").write_text('{"commit": "0123456789"}'), "was built from 01234567"),  # noqa: ARG005
-        (lambda root, out: (out / "hapticnet-1.2.3.cdx.json").unlink(), "has no hapticnet-1.2.3.cdx.json"),  # noqa: ARG005
+        (lambda root, _: (root / "new.py").write_text(""), "files here differ"),
+        (lambda root, _: subprocess.run(["git", "-C", root, "tag", "-d", "v1.2.3"], check=True), "no tag v1.2.3"),
+        (lambda root, _: (root / "CHANGELOG.md").write_text("## 1.2.3 (unreleased)\n"), "no date for 1.2.3"),
+        (lambda _, out: (out / "hapticnet-1.2.3.tgz").write_text("altered"), "hapticnet-1.2.3.tgz differs"),
+        (lambda _, out: (out / "added.whl").write_text(""), "added.whl differs"),
+        (lambda _, out: (out / "SHA256SUMS").unlink(), "has no SHA256SUMS"),
+        (lambda _, out: (out / "origin.json").write_text('{"commit": "0123456789"}'), "was built from 01234567"),
+        (lambda _, out: (out / "hapticnet-1.2.3.cdx.json").unlink(), "has no hapticnet-1.2.3.cdx.json"),
     ],
 )
 def test_what_is_wrong_with_a_release_is_said(release, spoil, said):
