@@ -67,7 +67,7 @@ wheel: $(VENV)/installed-dev
 # The page of hapticnet gateway, which a wheel then has too; it needs the tools of peers/js.
 tab:
 	$(MAKE) -C peers/js
-	mkdir -p hapticnet/web/static/tab && cp peers/js/dist/page/* peers/js/dist/*.js hapticnet/web/static/tab
+	mkdir -p hapticnet/web/static/tab && cp peers/js/dist/page/* peers/js/dist/*.js peers/js/THIRD-PARTY.md hapticnet/web/static/tab
 
 check: site
 	$(BIN)/ruff check

@@ -113,7 +113,8 @@ def build_npm(source: Source, out: Path) -> None:
     shutil.copyfile(packed, out / packed.name)
     page = source.folder / "hapticnet" / "web" / "static" / "tab"
     page.mkdir()
-    for each in (*folder.glob("dist/page/*"), *folder.glob("dist/*.js")):
+    # With the licences of what the bundle contains of others.
+    for each in (*folder.glob("dist/page/*"), *folder.glob("dist/*.js"), folder / "THIRD-PARTY.md"):
         shutil.copy(each, page)
 
 
