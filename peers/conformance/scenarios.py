@@ -88,6 +88,14 @@ def jumps(session: Session) -> None:
         session.jump(jump_us)
 
 
+def epoch_of_the_master(session: Session) -> None:
+    """Let the keys of the master's direction change."""
+    session.run(0.5)
+    session.number(2**20 - 300)
+    session.run(1.0)
+    assert session.recorder.session._stream.seal.send_epoch == 1
+
+
 def epochs(session: Session) -> None:
     """Let the keys of both directions change."""
     session.run(0.5)
@@ -200,6 +208,7 @@ def _of_slaves() -> dict[str, Scenario]:
             play=run(1.5), network="lossy", key=SHARED, masters=(OTHER_ENTRY, SHARING), least_n=3.0
         ),
         "sealed, not listed": Scenario(play=run(1.0), network="slow", key=KEY, masters=(OTHER_ENTRY,)),
+        "sealed, an epoch of the master": Scenario(play=epoch_of_the_master, network="disorder", key=KEY, least_n=3.0),
     }
 
 

@@ -14,6 +14,13 @@ PEERS = find_peers()
 RUNNING = {}
 
 
+def pytest_collection_modifyitems(items):
+    """Give time to the first test with a peer, which builds it."""
+    for item in items:
+        if "start" in getattr(item, "fixturenames", ()):
+            item.add_marker(pytest.mark.timeout(600))
+
+
 @pytest.fixture(scope="session")
 def shared_folder(tmp_path_factory):
     """A folder of this run, the same for all its processes."""

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from conformance.child import read_hex, write_float, write_hex
-from conformance.golden import HERE, SESSION, Talk, datagrams, position
+from conformance.golden import HERE, SESSION, Talk, datagrams, master, position
 from conformance.scenes import Hand, Spring
 from conformance.script import random_line
 from conformance.session import ENTRY, KEY, MASTER, SLAVE, PeerSlave, listed
@@ -86,6 +86,15 @@ def test_a_datagram_of_another_session_or_address_is_answered_by_reset(served):
     assert served.counts() == "0 2 0"
 
 
+def test_a_second_master_is_refused_until_the_first_is_silent_for_a_second(served):
+    answer = served.greet(address=THERE, now_us=900_000)
+    assert (answer[1], msgpack.unpackb(answer[4])[2]) == (Kind.REFUSE, Code.FULL)
+    elsewhere = write_hex("elsewhere")
+    assert served.greet(address=elsewhere, now_us=1_100_000, number=1)[1] == Kind.WELCOME
+    assert served.say(position(2, 1_150_000), now_us=1_150_000)[1] == Kind.FORCE  # the first is back in time
+    assert served.say(position(1, 1_200_000), elsewhere, 1_200_000)[1] in (Kind.CLOSE, Kind.RESET)
+
+
 def test_positions_above_the_granted_rate_are_not_served(served):
     """Those of a second are served at once, and then 1.2 in a millisecond."""
     answers = [served.say(position(2 + i, 1001 + i, 0.03 + 0.01 * (i % 2)), now_us=1001 + i) for i in range(2000)]
@@ -114,20 +123,20 @@ def sealed_slave(child):
 def test_a_sealed_slave_follows_its_master_to_another_address(sealed_slave):
     """And answers only datagrams that open: a copy or a forgery from elsewhere moves nothing."""
     slave, now_us, place = sealed_slave, 0, "home"
-    master = MasterNode(UserOperator(Hand(1)), None, MasterSettings(key=KEY), np.random.default_rng(1))
+    node = MasterNode(UserOperator(Hand(1)), None, MasterSettings(key=KEY), np.random.default_rng(1))
     while now_us < 20_000:
-        master.tick(now_us)
-        for data in master.datagrams_to_send():
+        node.tick(now_us)
+        for data in node.datagrams_to_send():
             slave.receive_datagram(data, place, now_us)
         for data, to in slave.datagrams_to_send():
             assert to == place
-            master.receive_datagram(data, now_us)
+            node.receive_datagram(data, now_us)
         now_us += 1000
-    assert master.connected
+    assert node.connected
     for address in ("home", "train", "home"):
         now_us += 46_000
-        master.tick(now_us)
-        (data,) = master.datagrams_to_send()
+        node.tick(now_us)
+        (data,) = node.datagrams_to_send()
         slave.receive_datagram(bytes([*data[:-1], data[-1] ^ 1]), "thief", now_us)
         assert slave.datagrams_to_send() == []
         slave.receive_datagram(data, address, now_us)
@@ -139,17 +148,35 @@ def test_a_sealed_slave_follows_its_master_to_another_address(sealed_slave):
 @pytest.mark.usefixtures("sealed_slave")
 def test_a_sealed_slave_does_not_answer_who_does_not_know_its_key(child):
     other = PeerSlave(child, Spring(1), 5, listed(MASTER, [ENTRY]))
-    master = MasterNode(UserOperator(Hand(1)), None, MasterSettings(key=KEY), np.random.default_rng(1))
-    master.tick(0)
-    (data,) = master.datagrams_to_send()
+    node = MasterNode(UserOperator(Hand(1)), None, MasterSettings(key=KEY), np.random.default_rng(1))
+    node.tick(0)
+    (data,) = node.datagrams_to_send()
     other.receive_datagram(data, "here", 0)
     assert other.datagrams_to_send() == []
 
 
-def test_a_key_of_low_order_is_refused(child):
+@pytest.fixture
+def sealed_master(child):
+    """A peer with a master that can be sealed."""
     if not child.has("sealed", "master"):
         pytest.skip(f"{child.peer.name} has no sealed master")
-    child.ask("master", f"codec=deadband name=- axes=1 rate={write_float(1e3)} weber={write_float(0.05)}",
-              f"floor={write_float(0.025)} multiplier={write_float(1.0)}")  # fmt: skip
-    (answer,) = child.batch([f"seal {MASTER.private.hex()} {bytes(32).hex()} -"])
+    child.tell(random_line(4).command)
+    child.ask(*master(name="a person").command.split(" "))
+    return child
+
+
+def test_a_key_of_low_order_is_refused(sealed_master):
+    (answer,) = sealed_master.batch([f"seal {MASTER.private.hex()} {bytes(32).hex()} -"])
     assert answer.startswith("error ")
+
+
+def test_a_refuse_without_a_seal_is_only_a_hint(sealed_master):
+    sealed_master.ask("seal", MASTER.private.hex(), SLAVE.public.hex(), "-")
+    sealed_master.ask("tick", 0, write_float(0.0))
+    nonce = msgpack.unpackb(msgpack.unpackb(read_hex(sealed_master.ask("send")[0]))[4])[0]
+    for _ in range(3):
+        refuse = msgpack.packb([1, Kind.REFUSE, 0, 0, msgpack.packb([nonce, "only open ones", 7])])
+        sealed_master.ask("receive", 1000, refuse.hex())
+    assert sealed_master.ask("state") == ["connecting"]
+    assert sealed_master.ask("reason") == ["7", write_hex("only open ones")]
+    assert sealed_master.ask("counts") == ["0", "2", "0"]
