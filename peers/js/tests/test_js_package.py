@@ -5,6 +5,7 @@ import json
 import os
 import re
 import shutil
+import socket
 import subprocess
 import sys
 import tarfile
@@ -110,6 +111,21 @@ def test_the_first_program_of_the_readme_feels_the_scene(package: Path, project:
         felt = (float(line) for line in process.stdout)
         assert next(force for force in felt if force > 1.0) < 5.0
         process.terminate()
+
+
+def test_a_master_of_hapticnet_feels_the_slave_of_the_readme(package: Path, project: Path):
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as free:
+        free.bind(("127.0.0.1", 0))
+        port = str(free.getsockname()[1])
+    (program,) = (block for block in blocks(package) if "serve(" in block)
+    (project / "slave.mjs").write_text(program.replace("47800", port))
+    with subprocess.Popen(["node", *FLAGS, project / "slave.mjs"]) as slave:
+        command = [sys.executable, "-m", "hapticnet", "master", "--connect", f"127.0.0.1:{port}", "--json"]
+        done = subprocess.run([*command, "--duration", "2"], capture_output=True, text=True, timeout=60)
+        slave.terminate()
+    assert done.returncode == 0, done.stderr
+    report = json.loads(done.stdout)
+    assert (report["scene"], report["connections"], report["received"]["malformed"]) == ("a spring", 1, 0)
 
 
 def test_the_examples_of_the_readme_have_the_types_of_the_package(package: Path, project: Path):
