@@ -9,13 +9,12 @@ gone.
 import asyncio
 import json
 import socket
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from importlib.resources import files
 from typing import Final, NamedTuple, Protocol
 from urllib.parse import urlsplit
 
 from aiohttp import ClientError, ClientSession, ClientWebSocketResponse, WSMsgType, web
-from multidict import MultiMapping
 
 from hapticnet.errors import HapticnetError, SettingsError
 from hapticnet.web.access import Access
@@ -118,7 +117,7 @@ class Gallery(ViewSite):
                 self._timer = asyncio.get_running_loop().call_later(self._unwatched_s, self._end_unwatched)
         await ws.close(code=code, message=reason.encode()[:REASON_BYTES].decode(errors="ignore").encode())
 
-    async def _join(self, query: MultiMapping[str]) -> Running:
+    async def _join(self, query: Mapping[str, str]) -> Running:
         """Return the wanted demonstration, after starting it if it does not run."""
         key = query.get("show", ""), query.get("variant", "0")
         if key not in self._known:
