@@ -112,7 +112,7 @@ def test_a_link_allocates_nothing_while_it_ticks(built):
     assert (state, float(force_n) > 1.0) == ("Established", True)
     assert "seen: True" in done.stdout
     collections, ticks = map(int, re.search(r"both: (\d+) collections in (\d+) ticks", done.stdout).groups())
-    assert collections * 65536 / ticks < 600  # the README says 300 bytes for each datagram
+    assert collections * 65536 / ticks < 600  # the README says 400 bytes for each datagram
 
 
 def test_unity_moves_a_hand_and_is_pushed_in_the_frame_of_the_scene(built):
