@@ -34,6 +34,9 @@ PACKAGES: Final = (
 )
 """Python packages that are published beside hapticnet, with its version."""
 
+BINDINGS: Final = ("csharp", "rust")
+"""What is published as source, with the C library."""
+
 TOOLS: Final = ("auditwheel", "cyclonedx-bom", "hatchling", "mkdocs", "mkdocs-material", "mypy", "setuptools", "twine")
 
 
@@ -94,12 +97,16 @@ def build_compiled(source: Source, out: Path) -> None:
 
 
 def build_c(source: Source, out: Path) -> None:
-    """Pack the C library with the header for C++, and the C# binding with the library that it builds."""
-    c, cpp, csharp = (source.folder / "peers" / name for name in ("c", "cpp", "csharp"))
-    whole = files_below(c) | {"include/hapticnet.hpp": cpp / "hapticnet.hpp"}
-    whole |= {f"examples/{name}": path for name, path in files_below(cpp / "examples").items()}
-    both = {f"{folder.name}/{name}": path for folder in (c, csharp) for name, path in files_below(folder).items()}
-    for name, files in (("c", whole), ("csharp", both)):
+    """Pack the C library with the header for C++, and the bindings for C# and Rust with the library that they build."""
+    c, cpp = source.folder / "peers" / "c", source.folder / "peers" / "cpp"
+    archives = {"c": files_below(c) | {"include/hapticnet.hpp": cpp / "hapticnet.hpp"}}
+    archives["c"] |= {f"examples/{name}": path for name, path in files_below(cpp / "examples").items()}
+    for binding in BINDINGS:
+        folders = (c, source.folder / "peers" / binding)
+        archives[binding] = {
+            f"{each.name}/{name}": path for each in folders for name, path in files_below(each).items()
+        }
+    for name, files in archives.items():
         prefix = f"hapticnet-{name}-{source.version}"
         licence = {"LICENSE": source.folder / "LICENSE"}
         write_tarball(out / f"{prefix}.tar.gz", prefix, files | licence, source.epoch_s)
@@ -157,7 +164,8 @@ def write_origin(source: Source, out: Path) -> None:
 def sdists(out: Path) -> list[str]:
     """Return the names of the source distributions in a folder, without the end of the file's name."""
     names = [path.name.removesuffix(".tar.gz") for path in sorted(out.glob("*.tar.gz"))]
-    return [name for name in names if not name.startswith(("hapticnet-c-", "hapticnet-csharp-", "hapticnet-site-"))]
+    others = tuple(f"hapticnet-{each}-" for each in ("c", *BINDINGS, "site"))
+    return [name for name in names if not name.startswith(others)]
 
 
 def write_digests(out: Path) -> None:

@@ -13,7 +13,7 @@ import subprocess
 import sys
 from pathlib import Path
 
-from release.build import sdists
+from release.build import BINDINGS, sdists
 from release.source import ROOT, git, read_version
 
 
@@ -75,8 +75,7 @@ def expected(version: str) -> list[str]:
         f"hapticnet-{version}-*manylinux*.whl",
         f"hapticnet-{version}.tgz",
         f"hapticnet-{version}.cdx.json",
-        f"hapticnet-c-{version}.tar.gz",
-        f"hapticnet-csharp-{version}.tar.gz",
+        *(f"hapticnet-{name}-{version}.tar.gz" for name in ("c", *BINDINGS)),
         f"hapticnet-site-{version}.tar.gz",
     ]
 

@@ -28,7 +28,7 @@ def build(out, **environment):
 @pytest.fixture(scope="module")
 def dist(tmp_path_factory, tool_is_missing):
     """Return a folder with what is published, except for what takes minutes to build."""
-    for tool in ("git", "npm", "clang", "c++", "cmake", "pkg-config", "mono", "mcs"):
+    for tool in ("git", "npm", "clang", "c++", "cmake", "pkg-config", "mono", "mcs", "cargo"):
         if shutil.which(tool) is None:
             tool_is_missing(f"no {tool}")
     return build(tmp_path_factory.mktemp("release") / "dist")
@@ -107,11 +107,18 @@ def test_cmake_and_pkg_config_find_the_installed_c_library(dist, tmp_path, slave
         assert greatest_force(said) > 1.0
 
 
-def test_the_csharp_archive_builds_a_master_that_feels_a_force(dist, tmp_path, slave):
-    source = unpack(dist, "csharp", tmp_path) / "csharp"
-    subprocess.run(["make", "-s", "-C", source, "examples"], check=True)
-    command = ["mono", source / "build" / "SmallestMaster.exe", "127.0.0.1", slave, "3"]
-    assert greatest_force(subprocess.check_output(command, text=True, timeout=60)) > 1.0
+@pytest.mark.parametrize(
+    ("binding", "build", "master"),
+    [
+        ("csharp", "make -s examples", "mono build/SmallestMaster.exe 127.0.0.1 {port} 3"),
+        ("rust", "cargo build -q --offline --example master", "target/debug/examples/master 127.0.0.1:{port} 3"),
+    ],
+)
+def test_the_archive_of_a_binding_builds_a_master_that_feels_a_force(dist, tmp_path, slave, binding, build, master):
+    folder = unpack(dist, binding, tmp_path) / binding
+    subprocess.run(build.split(), check=True, cwd=folder)
+    said = subprocess.check_output(master.format(port=slave).split(), text=True, timeout=60, cwd=folder)
+    assert greatest_force(said) > 1.0
 
 
 def test_npm_installs_the_package_offline_and_node_feels_a_force(dist, tmp_path, slave):
