@@ -10,9 +10,10 @@ import re
 from collections.abc import Iterator
 from pathlib import Path
 
-from hapticnet import perception
-from hapticnet.codec import values
+from hapticnet import perception, stiffness_bound
+from hapticnet.codec import positions, values
 from hapticnet.control import hold
+from hapticnet.node import decoders, hand_predictor
 from hapticnet.node.settings import MasterSettings, SlaveSettings
 from hapticnet.protocol import (
     handshake,
@@ -21,12 +22,15 @@ from hapticnet.protocol import (
     messages,
     repair,
     seal,
+    settings,
     slave_session,
     stats,
     wire,
 )
 from hapticnet.protocol.settings import RepairSettings, SessionSettings
 from hapticnet.samples import LARGEST_COMPONENT, MAX_AXES, MOST_COMPONENTS
+from hapticnet.scene import ahead
+from hapticnet.scene.settings import LARGEST_EXPONENT, LARGEST_SPEED_M_PER_S
 
 ROOT = Path(__file__).parents[2]
 PAGES = ("docs/refer/payloads.md", "examples/literature/PAYLOADS.md")
@@ -134,6 +138,46 @@ NUMBERS: dict[str, dict[str, float]] = {
         "SHORTEST_WAIT_US": REPAIR.shortest_wait_us,
         "LONGEST_WAIT_US": REPAIR.longest_wait_us,
         "SHORTEST_KEEPALIVE_US": REPAIR.shortest_keepalive_us,
+    },
+    "Few positions": {
+        "LONGEST_SILENCE_US": stiffness_bound.LONGEST_SILENCE_US,
+        "ACK_DELAY_US": SESSION.ack_delay_us,
+        "IDLE_STALE_US": SESSION.stale_after(True),
+        "SPARSE_KEEPALIVES": settings.SPARSE_KEEPALIVES,
+        "IDLE_KEEPALIVES": settings.IDLE_KEEPALIVES,
+        "IDLE_SHARE": settings.MASTERS_SHARE,
+        "IDLE_THRESHOLD_N": settings.LARGEST_N,
+        "FASTEST_M_PER_S": positions.FASTEST_M_PER_S,
+        "FASTEST_M_PER_S2": positions.FASTEST_M_PER_S2,
+        "FADING_S": positions.FADING_S,
+        "STIFFEST": positions.STIFFEST,
+        "FARTHEST_M": positions.FARTHEST_M,
+        "LINE_WINDOW_US": positions.WINDOW_US,
+        "LINE_SAMPLES": positions.MOST_SAMPLES,
+        "SIGNIFICANT": positions.SIGNIFICANT,
+        "UNKNOWN_STIFFNESS": positions.UNKNOWN_STIFFNESS,
+    },
+    "Recent past: the limit on a force that follows the hand": {
+        "PAST_GROWTH": decoders.GROWTH,
+        "PAST_MARGIN_N": decoders.MARGIN_N,
+        "LATELY_US": decoders.LATELY_US,
+        "WAY": decoders.WAY,
+        "LONGEST_AHEAD_US": hand_predictor.LONGEST_AHEAD_US,
+    },
+    "Announced contact": {
+        "MOST_LAYERS": ahead.MOST_LAYERS,
+        "STIFFEST_PER_HZ": ahead.STIFFEST_PER_HZ,
+        "STIFFEST_N_PER_M": ahead.STIFFEST_N_PER_M,
+        "LARGEST_FORCE_N": ahead.LARGEST_FORCE_N,
+        "LARGEST_VALUE": ahead.LARGEST_VALUE,
+        "LARGEST_VISCOSITY": ahead.LARGEST_VISCOSITY,
+        "SMALLEST_VALUE": ahead.SMALLEST_VALUE,
+        "MODEL_ROUNDING": ahead.ROUNDING,
+        "LARGEST_EXPONENT": LARGEST_EXPONENT,
+        "LARGEST_SPEED_M_PER_S": LARGEST_SPEED_M_PER_S,
+        "MOST_REMEMBERED": decoders.MOST_REMEMBERED,
+        "MOST_PLAYED": decoders.MOST_PLAYED,
+        "COST_OF_BEGINNING": decoders.COST_OF_BEGINNING,
     },
     "Repair: shares and counts": {
         "DOUBT_LIMIT": REPAIR.doubt_limit,

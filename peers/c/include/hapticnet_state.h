@@ -86,7 +86,7 @@ typedef struct {
     unsigned axes;
     hn_vector stimulus_n;
     int64_t now_us, age_us, elapsed_us;
-    bool starts, whole;
+    bool starts, whole, kept; /* kept: at any age, because it is small */
     double share, applied_n;
 } hn_hold;
 
@@ -101,6 +101,8 @@ typedef struct {
     hn_decoder decoder;
     bool felt; /* whether a FORCE was applied; its time stamp and arrival */
     int64_t felt_t_us, felt_us;
+    bool sparse, owes; /* whether positions are few, and one waits to acknowledge something */
+    int64_t owes_us, confirmed_us;
 } hn_stream;
 
 struct hn_master;
@@ -147,6 +149,12 @@ typedef struct hn_master {
     bool has_position, position_due;
     hn_vector position_m;
     int64_t position_us;
+    uint8_t payload[1 + 8 * HN_MOST_AXES];
+    size_t payload_size;
+    /* few positions: whether next to no force is applied, and how long after a position the slave may answer */
+    bool idle;
+    double idle_below_n;
+    int64_t ahead_us;
     hn_hold hold;
     /* closing */
     bool close_due, close_timed;

@@ -6,6 +6,7 @@
 #include "arrivals.h"
 #include "decoder.h"
 #include "hold.h"
+#include "more.h"
 
 uint32_t hn_version(const hn_master *m)
 {
@@ -40,6 +41,9 @@ static hn_bytes pack_request(const hn_master *m, uint8_t *packed, size_t size)
         .name = hn_text(m->request.name),
         .ticket = {m->had_session ? m->ticket : NULL, HN_TICKET_BYTES},
         .clock_us = (uint64_t)m->clock_us,
+        .announced = m->request.announced,
+        .position_share = m->request.position_share,
+        .predicted = m->request.predicted,
     };
     for (; asked.count < HN_MOST_PARAMETERS && m->request.parameters[asked.count].name != NULL; asked.count++) {
         const hn_parameter *parameter = &m->request.parameters[asked.count];
@@ -76,6 +80,12 @@ void hn_tick_asking(hn_master *m, int64_t now_us)
     m->tried_us = now_us;
 }
 
+static bool request_has_memory(const hn_request *request)
+{
+    bool follows = hn_needs_position(hn_codec_named(hn_text(request->codec)));
+    return request->more != NULL || !(follows || request->announced || request->position_share != 0.0);
+}
+
 /* Take the settings of a request; return NULL or what is wrong with it. */
 const char *hn_take_settings(const hn_request *request, hn_settings *s)
 {
@@ -92,14 +102,15 @@ const char *hn_take_settings(const hn_request *request, hn_settings *s)
             return "the codec has no such parameter, or its value is out of range";
     if (s->codec == HN_CODEC_UNKNOWN)
         return "there is no such codec";
-    if (hn_follows_motion(s->codec))
-        return "this library's master has no codecs that follow the hand";
-    if (request->position_share != 0.0 || request->announced || request->predicted)
-        return "this library's master has no few positions, announced contact or predicted hands yet";
     if (s->axes < 1 || s->axes > HN_MOST_AXES)
         return "the axes must be 1 to 3";
     if (!(HN_LEAST_RATE_HZ <= request->rate_hz && request->rate_hz <= HN_MOST_RATE_HZ))
         return "the rate must be 20 to 100000 Hz";
+    if (request->position_share != 0.0 &&
+        !(HN_LEAST_SHARE <= request->position_share && request->position_share <= HN_MOST_SHARE))
+        return "the share of positions must be 0, or 0.01 to 0.9";
+    if (!request_has_memory(request))
+        return "few positions, announced contact and codecs that follow the hand need memory from hn_more_init";
     if (!hn_law_is_allowed(s))
         return "the just-noticeable difference is out of range";
     if (request->name == NULL || !hn_is_text(hn_text(request->name), HN_NAME_BYTES))
@@ -123,6 +134,8 @@ size_t hn_send_hello(const hn_master *m, uint8_t *data)
 }
 
 /* Sessions */
+
+enum { AHEAD_US = 3 * HN_LONGEST_SILENCE_US / 2 }; /* how long after a position the slave may answer along its line */
 
 void hn_end(hn_master *m)
 {
@@ -154,7 +167,14 @@ static void begin(hn_master *m, const hn_grant *grant, uint32_t sequence, int64_
     next->sequence = 1;
     hn_arrivals_init(&next->arrivals, sequence, m->sealing != NULL);
     hn_loss_init(&next->loss, sequence);
+    next->sparse = grant->position_share > 0.0;
+    m->ahead_us = next->sparse ? AHEAD_US : 0;
+    m->idle_below_n = next->sparse ? HN_IDLE_SHARE * fmin(hn_threshold(&settings, 0.0), HN_IDLE_THRESHOLD_N) : 0.0;
+    if (next->sparse && settings.multiplier > 0.0) /* positions use their share of the difference */
+        settings.multiplier = fmax((1.0 - grant->position_share) * settings.multiplier, HN_LEAST_LAW);
     hn_decoder_init(&next->decoder, &settings);
+    if (m->request.more != NULL)
+        m->request.more->ops->begin(m, next, grant);
     m->now = next;
     if (m->sealing != NULL)
         m->sealing->use(m->keys, hn_stream_index(m, next));
@@ -208,6 +228,14 @@ static void refused(hn_master *m, const hn_ending *refusal, int64_t now_us)
     m->tried_us = now_us;
 }
 
+/* Return whether a grant has nothing that was not asked for; a slave may compute with float32. */
+static bool was_asked_for(const hn_master *m, const hn_grant *grant)
+{
+    double share = grant->position_share, asked = m->request.position_share;
+    return (!grant->announced || m->request.announced) && (!grant->predicted || m->request.predicted) &&
+           !grant->vibrates && (share == 0.0 || fabs(share - asked) <= 1e-6 * fmax(share, asked));
+}
+
 /* Take in a grant or, from a sealed WELCOME, a refusal. */
 static void receive_granted(hn_master *m, hn_bytes granted, uint32_t sequence, int64_t now_us)
 {
@@ -215,9 +243,8 @@ static void receive_granted(hn_master *m, hn_bytes granted, uint32_t sequence, i
     hn_ending refusal;
     if (m->sealing != NULL && hn_read_ending(granted, HN_REFUSE, &refusal) && refusal.nonce == 0)
         refused(m, &refusal, now_us);
-    else if (!hn_read_grant(granted, &grant) || grant.announced || grant.predicted || grant.vibrates ||
-             grant.position_share > 0.0)
-        m->counts.malformed++; /* it has something that was not asked for */
+    else if (!hn_read_grant(granted, &grant) || !was_asked_for(m, &grant))
+        m->counts.malformed++;
     else
         begin(m, &grant, sequence, now_us);
 }

@@ -180,3 +180,16 @@ void hn_store_count(uint8_t *at, int count)
 {
     store(at, (uint64_t)count, 2);
 }
+
+/* The nearest float16 of a number within its range, halves to even. */
+void hn_store_half(uint8_t *at, double value)
+{
+    int exponent;
+    double size = fabs(value);
+    frexp(size, &exponent);
+    exponent = size == 0.0 || exponent < -13 ? -13 : exponent; /* below, float16 has one spacing */
+    double steps = rint(ldexp(size, 11 - exponent));
+    /* 2048 steps are 1024 of the next exponent, which carries as the bits do. */
+    unsigned bits = (unsigned)steps + (unsigned)(exponent + 13) * 0x400u;
+    store(at, bits | (signbit(value) ? 0x8000u : 0u), 2);
+}

@@ -26,5 +26,6 @@ int hn_read_count(const uint8_t *at);
 void hn_store_single(uint8_t *at, double value);
 void hn_store_double(uint8_t *at, double value);
 void hn_store_count(uint8_t *at, int count);
+void hn_store_half(uint8_t *at, double value);
 
 #endif

@@ -291,6 +291,11 @@ bool hn_follows_motion(int codec)
            codec == HN_CODEC_PASSIVE_INTERPOLATIVE || codec == HN_CODEC_MODEL_MEDIATED;
 }
 
+bool hn_needs_position(int codec)
+{
+    return hn_follows_motion(codec) || codec == HN_CODEC_VELOCITY_ADAPTIVE;
+}
+
 void hn_decoder_move(hn_decoder *d, int64_t t_us, const double position_m[])
 {
     if (d->settings.codec == HN_CODEC_MOTION_PREDICTIVE) {
@@ -299,8 +304,10 @@ void hn_decoder_move(hn_decoder *d, int64_t t_us, const double position_m[])
         measure_velocity(d, t_us, position_m);
     } else if (d->settings.codec == HN_CODEC_MODEL_MEDIATED) {
         hn_blend(d, t_us);
-    } else {
+    } else if (hn_follows_motion(d->settings.codec)) {
         hn_turn(d, position_m);
+    } else {
+        return;
     }
     d->at.has_position = true;
     d->at.t_us = t_us;

@@ -12,5 +12,6 @@ void hn_decoder_move(hn_decoder *d, int64_t t_us, const double position_m[]);
 /* Give the stimulus to apply at a time. */
 void hn_decoder_apply(const hn_decoder *d, int64_t t_us, double stimulus_n[]);
 bool hn_follows_motion(int codec);
+bool hn_needs_position(int codec); /* whether the encoder or the decoder follows the motion */
 
 #endif

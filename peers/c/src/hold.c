@@ -37,7 +37,7 @@ static void grow_older(hn_hold *h, int64_t now_us)
     }
     h->now_us = now_us;
     int64_t left_us = HN_DECAY_US - (h->age_us - HN_AGE_LIMIT_US);
-    if (left_us < HN_DECAY_US)
+    if (left_us < HN_DECAY_US && !h->kept)
         note_share(h, left_us > 0 ? fmin(h->share, (double)left_us / HN_DECAY_US) : 0.0);
 }
 
@@ -95,7 +95,7 @@ void hn_hold_value(hn_hold *h, double force_n[], int64_t now_us)
 {
     if (now_us != h->now_us || h->age_us > HN_AGE_LIMIT_US)
         grow_older(h, now_us);
-    if (!h->whole && h->age_us <= HN_AGE_LIMIT_US)
+    if (!h->whole && (h->kept || h->age_us <= HN_AGE_LIMIT_US))
         rise(h);
     for (unsigned i = 0; i < h->axes; i++) {
         if (h->whole)

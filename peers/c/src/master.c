@@ -6,7 +6,7 @@
 #include "asking.h"
 #include "decoder.h"
 #include "hold.h"
-#include "messages.h"
+#include "more.h"
 
 static bool is_streaming(const hn_master *m)
 {
@@ -26,7 +26,8 @@ static int64_t silent_us(hn_master *m, int64_t now_us)
 static bool needs_another(hn_master *m, int64_t now_us)
 {
     int64_t too_old_us = now_us - m->too_old_us, quiet_us = silent_us(m, now_us);
-    if (m->doubted && quiet_us > m->keepalive_us + HN_DOUBT_MARGIN_US)
+    int64_t keepalives = !m->now->sparse ? 1 : m->idle ? HN_IDLE_KEEPALIVES : HN_SPARSE_KEEPALIVES;
+    if (m->doubted && quiet_us > keepalives * m->keepalive_us + HN_DOUBT_MARGIN_US)
         return true;
     /* A link that is too slow for this session would be too slow for another. */
     bool is_slow = m->too_old && 0 <= too_old_us && too_old_us <= HN_ASK_AGAIN_US;
@@ -41,12 +42,13 @@ static void stop_asking_if_content(hn_master *m, int64_t now_us)
         hn_stop_asking(m);
 }
 
-/* Return whether an answer is fresh, and count it if not: its position was sent, and is not too old. */
+/* Return whether an answer is fresh, and count it if not: its position was sent, and is not too old. With few
+ * positions it may be for a later time, and its position older. */
 static bool is_fresh(hn_master *m, uint32_t echoed_t_us, hn_arrival arrival, int64_t now_us, int64_t *t_us)
 {
     *t_us = hn_unwrap(echoed_t_us, now_us);
-    bool sent = *t_us <= m->newest_t_us;
-    if (sent && now_us - *t_us <= HN_MAX_AGE_US)
+    bool sent = *t_us <= m->newest_t_us || (*t_us <= m->newest_t_us + m->ahead_us && *t_us <= now_us);
+    if (sent && now_us - *t_us <= HN_MAX_AGE_US - m->ahead_us)
         return true;
     m->counts.too_old++;
     if (sent && arrival == HN_NEW) {
@@ -97,14 +99,38 @@ static hn_arrival arrive(hn_stream *s, uint32_t sequence)
     return arrival;
 }
 
-static void apply(hn_master *m, hn_stream *s, uint32_t sequence, int64_t t_us, hn_bytes payload, int64_t now_us)
+/* Return the time of the newest position whose answer may have arrived; the next answer comes within this period. */
+int64_t hn_felt_time(const hn_master *m, const hn_stream *s, int64_t now_us)
+{
+    int64_t late_us = now_us - s->felt_us - m->position_period_us;
+    if (!s->felt)
+        return now_us;
+    return s->felt_t_us + (late_us > 0 ? late_us : 0);
+}
+
+static void reconstruct(hn_master *m, hn_stream *s, int64_t t_us, double stimulus_n[])
+{
+    if (m->request.more != NULL)
+        m->request.more->ops->reconstruct(m, s, t_us, stimulus_n);
+    else
+        hn_decoder_apply(&s->decoder, t_us, stimulus_n);
+}
+
+/* Name a datagram in the positions to come; if they are few, send one soon. */
+static void acknowledge(hn_stream *s, uint32_t sequence, bool soon, int64_t now_us)
+{
+    s->confirmed = (hn_maybe){true, sequence};
+    s->confirmed_us = now_us;
+    if (soon && !s->owes) {
+        s->owes = true;
+        s->owes_us = now_us;
+    }
+}
+
+/* Apply a force that was decoded. */
+static void apply(hn_master *m, hn_stream *s, uint32_t sequence, int64_t t_us, int64_t now_us)
 {
     hn_vector stimulus_n;
-    if (!hn_decode(&s->decoder, t_us, payload)) {
-        m->counts.malformed++; /* not acknowledged, so that the slave repairs it */
-        return;
-    }
-    s->newest_force = (hn_maybe){true, sequence};
     s->felt = true;
     s->felt_t_us = t_us;
     s->felt_us = now_us;
@@ -112,10 +138,30 @@ static void apply(hn_master *m, hn_stream *s, uint32_t sequence, int64_t t_us, h
         hn_hold_restart(&m->hold);
         m->felt = s; /* and the rest of the old session is dropped */
     }
-    if (s == m->now)
-        s->confirmed = s->newest_force;
-    hn_decoder_apply(&s->decoder, t_us, stimulus_n);
+    if (s == m->now) {
+        s->newest_force = (hn_maybe){true, sequence};
+        acknowledge(s, sequence, true, m->heard_us);
+    }
+    reconstruct(m, s, t_us, stimulus_n);
     hn_hold_receive(&m->hold, stimulus_n, now_us);
+}
+
+static void decode(hn_master *m, hn_stream *s, uint32_t sequence, int64_t t_us, hn_bytes payload, int64_t now_us)
+{
+    const struct hn_more *more = m->request.more;
+    hn_outcome outcome = more != NULL                            ? more->ops->decode(m, s, sequence, t_us, payload)
+                         : hn_decode(&s->decoder, t_us, payload) ? HN_APPLIED
+                                                                 : HN_REFUSED;
+    if (outcome == HN_REFUSED)
+        m->counts.malformed++; /* not acknowledged, so that the slave repairs it */
+    else if (outcome == HN_APPLIED)
+        apply(m, s, sequence, t_us, now_us);
+}
+
+static void receive_bound(hn_master *m, const hn_stream *s, hn_bytes bound)
+{
+    if (s->sparse && bound.at != NULL && !m->request.more->ops->bound(m, bound))
+        m->counts.malformed++;
 }
 
 static void receive_force(hn_master *m, hn_stream *s, const hn_frame *frame, int64_t now_us)
@@ -140,7 +186,9 @@ static void receive_force(hn_master *m, hn_stream *s, const hn_frame *frame, int
     hear(m, arrival, now_us);
     if (is_parting)
         s->newest_force = (hn_maybe){true, frame->sequence};
-    apply(m, s, frame->sequence, t_us, force.payload, now_us);
+    else if (arrival == HN_NEW)
+        receive_bound(m, s, force.bound);
+    decode(m, s, frame->sequence, t_us, force.payload, now_us);
 }
 
 /* Return whether a KEEPALIVE that names a FORCE confirms the one applied: that FORCE, or a later one. */
@@ -166,10 +214,15 @@ static void receive_keepalive(hn_master *m, hn_stream *s, const hn_frame *frame,
     if (!is_fresh(m, keepalive.t_us, arrival, now_us, &t_us) || arrival != HN_NEW)
         return;
     hear(m, arrival, now_us);
+    if (s == m->now)
+        receive_bound(m, s, keepalive.bound);
     if (!confirms(s, keepalive.newest_force))
         return;
-    if (s == m->now)
-        s->confirmed = (hn_maybe){true, frame->sequence};
+    if (s == m->now) { /* the slave waits for an answer to a bound, and while there is loss */
+        uint32_t share, again;
+        bool soon = keepalive.bound.at != NULL || hn_loss_estimate(&s->loss, &share, &again);
+        acknowledge(s, frame->sequence, soon, now_us);
+    }
     if (s == m->felt && s->felt) /* a new session does not confirm the force of an earlier one */
         hn_hold_confirm(&m->hold, now_us);
 }
@@ -301,11 +354,47 @@ static bool is_position_due(hn_master *m, int64_t now_us)
     return true;
 }
 
+/* Move the models of the contact ahead, and apply the forces of those that have caught up. */
+static void move_models(hn_master *m, int64_t now_us)
+{
+    hn_stream *streams[] = {m->felt, m->now};
+    hn_late late;
+    m->request.more->ops->move(m, now_us);
+    for (unsigned i = 0; i < 2; i++)
+        if ((i == 0 || streams[0] != streams[1]) && m->request.more->ops->caught_up(m, streams[i], &late))
+            apply(m, streams[i], late.sequence, late.t_us, now_us);
+}
+
+/* Prepare the position of a tick, if it is to be sent. */
+static void take_position(hn_master *m, int64_t now_us)
+{
+    const hn_stream *s = m->now;
+    const struct hn_more *more = m->request.more;
+    int state = more != NULL ? more->ops->model_state(m, s) : -1;
+    unsigned first = state >= 0, axes = m->request.axes;
+    m->payload[0] = (uint8_t)state;
+    m->payload_size = first + 4 * axes;
+    for (unsigned i = 0; i < axes && !s->sparse; i++)
+        hn_store_single(m->payload + first + 4 * i, m->position_m[i]);
+    if (s->sparse) {
+        int64_t owed_us = now_us - s->owes_us; /* below 0: the clock went back */
+        bool wanted = m->state == HN_STALE || (s->owes && (owed_us < 0 || owed_us >= HN_ACK_DELAY_US));
+        size_t size = more->ops->promise(m, now_us, wanted, m->payload + first);
+        m->payload_size = size > 0 ? first + size : 0;
+    }
+    if (m->payload_size > 0 && (m->state == HN_ESTABLISHED || is_due_when_stale(m, now_us))) {
+        m->position_due = true;
+        m->newest_t_us = now_us;
+    }
+    if (s->sparse)
+        more->ops->follow(m, now_us, m->payload_size == 0 || m->position_due);
+}
+
 void hn_master_tick(hn_master *m, const double position_m[], int64_t now_us)
 {
     if (m->state == HN_CLOSING)
         repeat_close(m, now_us);
-    else if (m->state == HN_ESTABLISHED && silent_us(m, now_us) > HN_STALE_AFTER_US)
+    else if (m->state == HN_ESTABLISHED && silent_us(m, now_us) > (m->idle ? HN_IDLE_STALE_US : HN_STALE_AFTER_US))
         go_stale(m, now_us);
     if (is_streaming(m) && needs_another(m, now_us))
         hn_ask(m);
@@ -316,22 +405,31 @@ void hn_master_tick(hn_master *m, const double position_m[], int64_t now_us)
     memcpy(m->position_m, position_m, m->request.axes * sizeof *position_m);
     m->has_position = true;
     m->position_us = now_us;
-    if (is_position_due(m, now_us) && (m->state == HN_ESTABLISHED || is_due_when_stale(m, now_us))) {
-        m->position_due = true;
-        m->newest_t_us = now_us;
-    }
+    if (m->request.more != NULL)
+        move_models(m, now_us);
+    if (is_position_due(m, now_us))
+        take_position(m, now_us);
+}
+
+/* Whether next to no force is applied, so that silence does no harm. */
+static bool is_idle(hn_master *m)
+{
+    return m->now->sparse && hn_norm(m->hold.stimulus_n, m->request.axes) < m->idle_below_n &&
+           !hn_needs_position(m->felt->decoder.settings.codec) && !m->request.more->ops->on_model(m, m->felt);
 }
 
 void hn_master_force(hn_master *m, double force_n[], int64_t now_us)
 {
     hn_stream *s = m->felt;
+    if (m->request.more != NULL)
+        m->request.more->ops->advance(m, now_us);
     if (s->felt) {
-        /* The newest position whose answer may have arrived; the next answer comes within this period. */
-        int64_t late_us = now_us - s->felt_us - m->position_period_us;
         hn_vector stimulus_n;
-        hn_decoder_apply(&s->decoder, s->felt_t_us + (late_us > 0 ? late_us : 0), stimulus_n);
+        reconstruct(m, s, hn_felt_time(m, s, now_us), stimulus_n);
         hn_hold_follow(&m->hold, stimulus_n, now_us);
     }
+    m->idle = is_idle(m);
+    m->hold.kept = m->idle && m->state == HN_ESTABLISHED && s->felt;
     hn_hold_value(&m->hold, force_n, now_us);
     for (unsigned i = 0; i < m->request.axes && m->state == HN_CLOSED; i++)
         force_n[i] = 0.0;
@@ -340,16 +438,18 @@ void hn_master_force(hn_master *m, double force_n[], int64_t now_us)
 static size_t send_position(hn_master *m, uint8_t *data)
 {
     hn_stream *s = m->now;
-    uint8_t payload[4 * HN_MOST_AXES];
-    for (unsigned i = 0; i < m->request.axes; i++)
-        hn_store_single(payload + 4 * i, m->position_m[i]);
     hn_position position = {
         .t_us = (uint32_t)(uint64_t)m->position_us,
         .newest = s->confirmed,
-        .payload = {payload, 4 * m->request.axes},
+        .payload = {m->payload, m->payload_size},
     };
-    if (++s->positions % HN_REPORT_EVERY == 0)
+    s->owes = false;
+    if (++s->positions % HN_REPORT_EVERY == 0 || s->sparse)
         position.reports = hn_loss_estimate(&s->loss, &position.share, &position.again);
+    if (s->sparse && m->position_us > s->confirmed_us) {
+        int64_t waited_ms = (m->position_us - s->confirmed_us) / 1000;
+        position.waited_ms = waited_ms < HN_MOST_WAITED_MS ? (uint32_t)waited_ms : HN_MOST_WAITED_MS;
+    }
     return hn_write_position(data, s->number, s->sequence++, &position);
 }
 

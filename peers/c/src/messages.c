@@ -192,11 +192,12 @@ bool hn_read_position(hn_bytes body, hn_position *position)
     return hn_get_end(&r, elements - fields);
 }
 
-/* Read the optional bound, bytes or nil, which sessions of every position do not use. */
-static bool get_bound_and_end(hn_reader *r, unsigned elements)
+/* Read the optional bound, bytes or nil. */
+static bool get_bound_and_end(hn_reader *r, unsigned elements, hn_bytes *bound)
 {
+    *bound = (hn_bytes){NULL, 0};
     if (elements > 0 && !hn_get_nil(r))
-        hn_get_bytes(r);
+        *bound = hn_get_bytes(r);
     return hn_get_end(r, elements > 0 ? elements - 1 : 0);
 }
 
@@ -206,7 +207,7 @@ bool hn_read_force(hn_bytes body, hn_force *force)
     unsigned elements = hn_get_array(&r, 2);
     force->t_us = hn_get_uint32(&r);
     force->payload = hn_get_bytes(&r);
-    return get_bound_and_end(&r, elements - 2);
+    return get_bound_and_end(&r, elements - 2, &force->bound);
 }
 
 bool hn_read_keepalive(hn_bytes body, hn_keepalive *keepalive)
@@ -215,7 +216,7 @@ bool hn_read_keepalive(hn_bytes body, hn_keepalive *keepalive)
     unsigned elements = hn_get_array(&r, 2);
     keepalive->t_us = hn_get_uint32(&r);
     keepalive->newest_force = hn_get_maybe(&r);
-    return get_bound_and_end(&r, elements - 2);
+    return get_bound_and_end(&r, elements - 2, &keepalive->bound);
 }
 
 static hn_bytes written(const hn_writer *w, const uint8_t *start)
@@ -296,21 +297,25 @@ size_t hn_write_position(uint8_t *data, uint32_t session, uint32_t sequence, con
 
 size_t hn_write_force(uint8_t *data, uint32_t session, uint32_t sequence, const hn_force *force)
 {
-    uint8_t body[64];
+    uint8_t body[HN_DATAGRAM_BYTES];
     hn_writer w = hn_write_to(body, sizeof body);
-    hn_put_array(&w, 2);
+    hn_put_array(&w, force->bound.at != NULL ? 3 : 2);
     hn_put_uint(&w, force->t_us);
     hn_put_bytes(&w, force->payload.at, force->payload.size);
+    if (force->bound.at != NULL)
+        hn_put_bytes(&w, force->bound.at, force->bound.size);
     return hn_write_frame(data, HN_FORCE, session, sequence, written(&w, body));
 }
 
 size_t hn_write_keepalive(uint8_t *data, uint32_t session, uint32_t sequence, const hn_keepalive *keepalive)
 {
-    uint8_t body[16];
+    uint8_t body[64];
     hn_writer w = hn_write_to(body, sizeof body);
-    hn_put_array(&w, 2);
+    hn_put_array(&w, keepalive->bound.at != NULL ? 3 : 2);
     hn_put_uint(&w, keepalive->t_us);
     hn_put_maybe(&w, keepalive->newest_force);
+    if (keepalive->bound.at != NULL)
+        hn_put_bytes(&w, keepalive->bound.at, keepalive->bound.size);
     return hn_write_frame(data, HN_KEEPALIVE, session, sequence, written(&w, body));
 }
 

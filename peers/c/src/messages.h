@@ -69,12 +69,13 @@ typedef struct {
 
 typedef struct {
     uint32_t t_us;
-    hn_bytes payload;
+    hn_bytes payload, bound; /* of few positions; NULL: none */
 } hn_force;
 
 typedef struct {
     uint32_t t_us;
     hn_maybe newest_force;
+    hn_bytes bound;
 } hn_keepalive;
 
 bool hn_read_frame(hn_bytes data, hn_frame *frame);

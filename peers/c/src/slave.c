@@ -425,14 +425,14 @@ size_t hn_slave_answer(hn_slave *s, const double force_n[], int64_t now_us, uint
     memcpy(before_n, s->encoder.held_n, sizeof before_n);
     size_t size = hn_encode(&s->encoder, force_n, payload);
     if (size > 0) {
-        hn_force force = {t_us, {payload, size}};
+        hn_force force = {.t_us = t_us, .payload = {payload, size}};
         s->newest_force = (hn_maybe){true, s->sequence};
         hn_repair_sent(&s->repair, HN_FORCE, s->sequence, before_n, now_us);
         return sealed(s, false, answer, hn_write_force(answer, s->number, s->sequence++, &force));
     }
     if (!hn_keepalive_is_due(&s->repair, now_us))
         return 0;
-    hn_keepalive keepalive = {t_us, s->newest_force};
+    hn_keepalive keepalive = {.t_us = t_us, .newest_force = s->newest_force};
     hn_repair_sent(&s->repair, HN_KEEPALIVE, s->sequence, before_n, now_us);
     return sealed(s, false, answer, hn_write_keepalive(answer, s->number, s->sequence++, &keepalive));
 }

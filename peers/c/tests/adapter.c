@@ -137,6 +137,12 @@ static void set(hn_request *r, const char *name, const char *value)
         r->floor_n = number(value);
     else if (strcmp(name, "multiplier") == 0)
         r->multiplier = number(value);
+    else if (strcmp(name, "share") == 0)
+        r->position_share = number(value);
+    else if (strcmp(name, "announced") == 0)
+        r->announced = strcmp(value, "1") == 0;
+    else if (strcmp(name, "predicted") == 0)
+        r->predicted = strcmp(value, "1") == 0;
     else if (strncmp(name, "p.", 2) == 0) {
         while (i < HN_MOST_PARAMETERS && r->parameters[i].name != NULL)
             i++;
@@ -167,7 +173,12 @@ static hn_request request(void)
 
 static void make_master(void)
 {
+    static double memory[1 << 17]; /* of three axes at 3 kHz, with all that takes memory */
     hn_request r = request();
+    if (hn_more_bytes(&r) > sizeof memory)
+        fail("there is too little memory");
+    if (hn_more_bytes(&r) > 0)
+        r.more = hn_more_init(memory, &r);
     const char *wrong = hn_master_init(&master, &r, draw, NULL);
     if (wrong != NULL)
         fail(wrong);
@@ -217,8 +228,10 @@ static void seal(void)
 
 static void say_features(void)
 {
-    say(" language=C roles=master,slave sealed=master,slave axes=3 slave_codecs=raw,deadband also=sequence,decoder"
-        " codecs=raw,deadband,adaptive-predictive,linear-predictive,least-squares,level-crossing,probabilistic,merging");
+    say(" language=C roles=master,slave sealed=master,slave axes=3 slave_codecs=raw,deadband also=sequence,decoder,"
+        "share,announced,predicted codecs=raw,deadband,adaptive-predictive,linear-predictive,least-squares,"
+        "level-crossing,probabilistic,merging,velocity-adaptive,motion-predictive,passive-extrapolative,"
+        "passive-interpolative,model-mediated");
 }
 
 static void set_random(void)

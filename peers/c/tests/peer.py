@@ -54,11 +54,21 @@ def load(folder: Path) -> Any:
     lib.shim_bytes.restype = ctypes.c_size_t
     for name in ("hn_master_seal", "hn_slave_seal", "shim_decoder", "shim_decode", "shim_is_text"):
         getattr(lib, name).restype = ctypes.c_bool
-    for name in ("hn_master_send", "hn_slave_receive", "hn_slave_answer", "hn_slave_close", "shim_repack"):
+    for name in ("shim_read_model", "shim_read_line", "shim_read_bound"):
+        getattr(lib, name).restype = ctypes.c_bool
+    for name in (
+        "hn_master_send",
+        "hn_slave_receive",
+        "hn_slave_answer",
+        "hn_slave_close",
+        "shim_repack",
+        "hn_more_bytes",
+    ):
         getattr(lib, name).restype = ctypes.c_size_t
     for name in ("hn_master_init", "hn_master_reason", "hn_master_scene"):
         getattr(lib, name).restype = ctypes.c_char_p
     lib.hn_slave_position.restype = ctypes.c_bool
+    lib.hn_more_init.restype = ctypes.c_void_p
     lib.hn_master_counts.restype = lib.hn_slave_counts.restype = Counts
     return lib
 
@@ -69,7 +79,11 @@ def vector(values: Sequence[float]) -> Any:
 
 def state(lib: Any, what: bytes) -> Any:
     """Return memory for a state, as aligned as an int64 and full of what must not matter."""
-    words = (lib.shim_bytes(what) + 7) // 8
+    return memory(lib.shim_bytes(what))
+
+
+def memory(size: int) -> Any:
+    words = (size + 7) // 8
     return (ctypes.c_uint64 * words)(*[0xA5A5A5A5A5A5A5A5] * words)
 
 
@@ -109,11 +123,18 @@ class Master:
         rate_hz: float = 1000.0,
         axes: int = 1,
         name: str = "C",
+        position_share: float = 0.0,
+        announced: bool = False,
+        predicted: bool = False,
     ) -> None:
         self._lib, self._hand, self.axes = lib, hand, axes
         self._state, self._out = state(lib, b"master"), ctypes.create_string_buffer(LIMIT)
         given = (Parameter * 5)(*((key.encode(), value) for key, value in (parameters or {}).items()))
         request = Request(codec.encode(), name.encode(), given, **law, rate_hz=rate_hz, axes=axes)
+        request.position_share, request.announced, request.predicted = position_share, announced, predicted
+        if size := lib.hn_more_bytes(ctypes.byref(request)):
+            self._more = memory(size)
+            request.more = lib.hn_more_init(self._more, ctypes.byref(request))
         self._entropy = Entropy(lambda _: random32())
         self.kept = request  # its texts stay where they are
         wrong = lib.hn_master_init(self._state, ctypes.byref(request), self._entropy, None)

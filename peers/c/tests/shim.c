@@ -3,7 +3,7 @@
 
 #include "decoder.h"
 #include "hapticnet_sealed.h"
-#include "messages.h"
+#include "more.h"
 
 size_t shim_bytes(const char *what)
 {
@@ -13,6 +13,8 @@ size_t shim_bytes(const char *what)
         return sizeof(hn_master_keys);
     if (strcmp(what, "slave keys") == 0)
         return sizeof(hn_slave_keys);
+    if (strcmp(what, "model") == 0)
+        return sizeof(hn_model);
     return strcmp(what, "slave") == 0 ? sizeof(hn_slave) : sizeof(hn_decoder);
 }
 
@@ -51,6 +53,40 @@ void shim_received(hn_master *m, int64_t now_us, double *stimulus_n)
     hn_vector force_n;
     hn_master_force(m, force_n, now_us);
     memcpy(stimulus_n, m->hold.stimulus_n, m->request.axes * sizeof *stimulus_n);
+}
+
+/* Read a model for a rate of 1000 Hz. */
+bool shim_read_model(hn_model *model, const uint8_t *payload, size_t size, unsigned axes)
+{
+    return hn_read_model((hn_bytes){payload, size}, axes, hn_stiffest(1000.0), model);
+}
+
+/* Read a line or a bound. */
+bool shim_read_line(const uint8_t *payload, size_t size, unsigned axes, int64_t t_us, double *place_m)
+{
+    hn_line line;
+    if (!hn_read_promise((hn_bytes){payload, size}, axes, &line))
+        return false;
+    hn_line_at(&line, t_us, axes, place_m);
+    return true;
+}
+
+bool shim_read_bound(const uint8_t *payload, size_t size, unsigned axes)
+{
+    bool has;
+    hn_bound bound;
+    return hn_read_bound((hn_bytes){payload, size}, axes, &has, &bound);
+}
+
+/* Begin a model at a position, or step it there. */
+void shim_model(hn_model *model, bool begins, int64_t t_us, const double *position_m, int64_t before_us,
+                const double *before_m, double *force_n)
+{
+    if (begins)
+        hn_model_begin(model, t_us, position_m, before_us, before_m);
+    else
+        hn_model_step(model, t_us, position_m);
+    memcpy(force_n, model->force_n, model->axes * sizeof *force_n);
 }
 
 bool shim_is_text(const uint8_t *data, size_t size)

@@ -80,15 +80,18 @@ class Felt:
         self.forces.append((now_us, [x.hex() for x in self.master.held_n]))
 
 
-def in_python(codec, axes, rate_hz, seed, parameters, key=None):
+def in_python(codec, axes, rate_hz, seed, parameters, key=None, more=None):
     operator = UserOperator(SimpleNamespace(axes=axes, sample=hand(axes)))
+    more = dict(more or {})
+    if "position_share" in more:
+        more["positions"] = "line"
     settings = MasterSettings(
-        codec=codec, parameters=parameters, law=WeberLaw(**peer.LAW), rate_hz=rate_hz, name="same", key=key
+        codec=codec, parameters=parameters, law=WeberLaw(**peer.LAW), rate_hz=rate_hz, name="same", key=key, **more
     )
     return MasterNode(operator, None, settings, np.random.default_rng(seed))
 
 
-def in_c(lib, codec, axes, rate_hz, seed, parameters, key=None):
+def in_c(lib, codec, axes, rate_hz, seed, parameters, key=None, more=None):
     rng = np.random.default_rng(seed)
     given = codec_parameters(make_codec(codec, WeberLaw(**peer.LAW), parameters))
     master = peer.Master(
@@ -100,7 +103,9 @@ def in_c(lib, codec, axes, rate_hz, seed, parameters, key=None):
         rate_hz=rate_hz,
         axes=axes,
         name="same",
+        **(more or {}),
     )
+    assert master.wrong is None
     if key is not None:
         psk = None if key.own.psk == NO_PSK else key.own.psk
         assert master.seal(key.own.private, key.peer, psk)
@@ -128,14 +133,16 @@ class Pair:
         slave=None,
         key=None,
         masters=(ENTRY,),
+        more=None,
+        scene=None,
         **parameters,
     ):
         self.loops, self.felt = [], []
-        asked = codec, axes, rate_hz, 1, parameters, key
+        asked = codec, axes, rate_hz, 1, parameters, key, more
         for master in (in_python(*asked), in_c(lib, *asked)):
             rng = np.random.default_rng(5)
             doors = None if key is None else {SEALED: SealedDoor(SLAVE.private, Roster(masters), rng)}
-            node = SlaveNode(lambda _: Spring(axes), SlaveSettings(**(slave or {})), rng, doors=doors)
+            node = SlaveNode(lambda _: (scene or Spring)(axes), SlaveSettings(**(slave or {})), rng, doors=doors)
             forward, back = Watched(NETWORKS[network], 6), Watched(NETWORKS[network], 7)
             self.felt.append(Felt(master))
             self.loops.append(Loopback(master, node, forward=forward, feedback=back, start_us=WRAP_US))

@@ -18,9 +18,10 @@ CASES = json.loads((VECTORS / "codecs.json").read_text())["cases"]
 PROTOCOL = {each["name"]: each for each in json.loads((VECTORS / "protocol.json").read_text())["datagrams"]}
 REFUSED = json.loads((VECTORS / "refused.json").read_text())
 TRACES = json.loads((VECTORS / "traces.json").read_text())
+MODELS = json.loads((VECTORS / "models.json").read_text())
 LAW_KEYS = "weber_fraction", "floor_n", "multiplier"
 LIMIT = 1200
-NOT_WRITTEN = re.compile("bound|vibration|parts|notice of a shape")  # what the library never asks for
+NOT_WRITTEN = re.compile("vibration|parts|notice of a shape")  # what the library never asks for
 
 
 def law_of(case):
@@ -51,22 +52,24 @@ def test_the_decoders_of_every_codec_agree_with_the_golden_vectors_to_the_bit(li
         assert bits(decoder.applied(t_us, position)) == bits(applied)
 
 
-@pytest.mark.parametrize(
-    "name", [name for name in PROTOCOL if not re.search("bound|vibration|parts|notice of a shape", name)]
-)
+@pytest.mark.parametrize("name", [name for name in PROTOCOL if not NOT_WRITTEN.search(name)])
 def test_each_datagram_is_read_and_written_again_to_the_byte(lib, name):
     data, out = bytes.fromhex(PROTOCOL[name]["hex"]), ctypes.create_string_buffer(LIMIT)
     size = lib.shim_repack(data, ctypes.c_size_t(len(data)), out)
     assert out.raw[:size].hex() == data.hex()
 
 
-@pytest.mark.parametrize("name", [name for name in PROTOCOL if "bound" in name])
-def test_a_force_or_keepalive_with_a_bound_is_read_without_it(lib, name):
-    """Bounds belong to few positions, for which the library does not ask."""
-    data, out = bytes.fromhex(PROTOCOL[name]["hex"]), ctypes.create_string_buffer(LIMIT)
-    size = lib.shim_repack(data, ctypes.c_size_t(len(data)), out)
-    before, after = (msgpack.unpackb(msgpack.unpackb(each)[4]) for each in (data, out.raw[:size]))
-    assert after == before[:2]
+@pytest.mark.parametrize("case", MODELS["models"], ids=lambda case: case["name"])
+def test_models_of_the_contact_ahead_press_as_the_vectors_say(lib, case):
+    path, begins = case["path"], case["begins"]
+    axes, payload, force = len(path[0][1]), bytes.fromhex(case["payload"]), peer.vector([])
+    model = peer.state(lib, b"model")
+    assert lib.shim_read_model(model, payload, ctypes.c_size_t(len(payload)), axes)
+    before = path[begins - 1] if begins else None
+    for index, (t_us, place) in enumerate(path[begins:]):
+        was = (ctypes.c_int64(before[0]), peer.vector(before[1])) if before and not index else (ctypes.c_int64(0), None)
+        lib.shim_model(model, index == 0, ctypes.c_int64(t_us), peer.vector(place), *was, force)
+        assert list(force[:axes]) == pytest.approx(case["forces"][index], rel=1e-6, abs=1e-12)
 
 
 def test_a_vibration_that_nobody_asked_for_is_stray(lib):
@@ -78,10 +81,9 @@ def test_a_vibration_that_nobody_asked_for_is_stray(lib):
 class OpenMaster:
     """A master with the session 0xdeadbeef of the vectors, whose WELCOME had sequence 0 and arrived at 0 us."""
 
-    def __init__(self, lib, *, codec="deadband", grant=None, **law):
-        self.master = peer.Master(
-            lib, lambda: 0x01020304, lambda _: self.place, codec=codec, **({"law": law} if law else {})
-        )
+    def __init__(self, lib, *, codec="deadband", grant=None, more=None, **law):
+        given = (more or {}) | ({"law": law} if law else {})
+        self.master = peer.Master(lib, lambda: 0x01020304, lambda _: self.place, codec=codec, **given)
         self.place = (0.0,)
         self.master.tick(0)
         (self.hello,) = self.master.datagrams_to_send()
@@ -126,9 +128,7 @@ def test_the_master_refuses_the_grants_that_it_must(lib, case):
     assert master.state == ("connecting" if case["outcome"] == "dropped" else "established")
 
 
-@pytest.mark.parametrize(
-    "trace", [each for each in TRACES["traces"] if each["codec"] == "deadband"], ids=lambda trace: trace["name"]
-)
+@pytest.mark.parametrize("trace", TRACES["traces"], ids=lambda trace: trace["name"])
 def test_the_master_acknowledges_and_decodes_as_the_traces_say(lib, trace):
     opened = OpenMaster(lib, codec=trace["codec"], **law_of(trace))
     received = ctypes.c_double()
