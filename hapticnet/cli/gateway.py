@@ -2,6 +2,7 @@
 
 import asyncio
 import base64
+import socket
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -38,7 +39,7 @@ def carry(given: GatewayOptions) -> None:
     sock = listen_for_streams(address, f"cannot listen at {address}")
     host, port = sock.getsockname()[:2]
     names = frozenset(origin.partition("://")[2].partition(":")[0] for origin in origins)
-    access = TabAccess(address.host if host not in ("0.0.0.0", "::") else given_host(), port, tokens, names)  # noqa: S104
+    access = TabAccess(address.host if host not in ("0.0.0.0", "::") else socket.gethostname(), port, tokens, names)  # noqa: S104
     gateway = Gateway(slave, access, sock, origins, given.most_tabs, console.say, console.warn)
     exposed = not is_loopback(sock.getsockname())
     if exposed:
@@ -73,10 +74,3 @@ def read_token(path: Path) -> str:
     if is_missing(path):
         write_key(path, new_key(SystemEntropy()))
     return base64.urlsafe_b64encode(load_key(path).private).decode().rstrip("=")
-
-
-def given_host() -> str:
-    """Return this host's name, by which others reach it."""
-    import socket
-
-    return socket.gethostname()

@@ -9,7 +9,7 @@ import logging
 import socket
 from collections import Counter
 from collections.abc import Callable, Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from typing import Any, Final
 
 from aiohttp import web
@@ -22,7 +22,7 @@ from hapticnet.web.access import Access
 from hapticnet.web.messages import View
 from hapticnet.web.offer import LARGEST_OFFER, read_offer
 from hapticnet.web.server import HEADERS, Site, static_files
-from hapticnet.web.tab import Tab, Traffic
+from hapticnet.web.tab import Tab
 
 DEFAULT: Final = HostPort("127.0.0.1", 47890)
 PAGE: Final = "index.html"
@@ -81,12 +81,12 @@ class Gateway(Site):
         files = {name.removeprefix(_FOLDER): each for name, each in static.items() if name.startswith(_FOLDER)}
         super().__init__(access, sock, files, headers=_HEADERS, most_bytes=LARGEST_OFFER)
         self.tabs: list[Tab] = []
+        self.carried: Counter[str] = Counter()  # datagrams and bytes, by the direction
         self.refused: Counter[str] = Counter()  # offers, by the reason
         self.dropped: Counter[str] = Counter()  # datagrams and packets, by the reason
         self.faults: list[str] = []
         self._slave, self._origins, self._most_tabs = slave, origins, most_tabs
         self._say, self._warn = say, warn
-        self._total = Traffic()
         self._count = 0
         self._offers = TokenBucket(OFFERS_PER_MIN / 60, OFFERS_PER_MIN / 4)
         self._offers_of: dict[str, TokenBucket] = {}
@@ -114,7 +114,7 @@ class Gateway(Site):
             while not stop.is_set():
                 for tab in tuple(self.tabs):
                     tab.check()
-                status(f"{len(self.tabs)} tabs, {self._sum().to_slave} datagrams to the slave")
+                status(f"{len(self.tabs)} tabs, {self.carried['to_slave']} datagrams to the slave")
                 try:
                     await asyncio.wait_for(stop.wait(), CHECK_S)
                 except TimeoutError:
@@ -128,13 +128,9 @@ class Gateway(Site):
     def report(self) -> dict[str, Any]:
         """Return what was carried and what was not."""
         return {
-            "slave": str(self._slave), "tabs": self._count, **asdict(self._sum()),
+            "slave": str(self._slave), "tabs": self._count, "carried": dict(self.carried),
             "refused": dict(self.refused), "dropped": dict(self.dropped), "faults": self.faults,
         }  # fmt: skip
-
-    def _sum(self) -> Traffic:
-        every = [asdict(each) for each in (self._total, *(tab.traffic for tab in self.tabs))]
-        return Traffic(**{name: sum(each[name] for each in every) for name in every[0]})
 
     def _add_routes(self, router: web.UrlDispatcher) -> None:
         router.add_get("/", self._serve_page)
@@ -178,7 +174,7 @@ class Gateway(Site):
         if len(self.tabs) >= self._most_tabs or sum(tab.host == host for tab in self.tabs) >= MOST_TABS_PER_HOST:
             return self._refuse("too many tabs", 503, "Too many tabs are connected; close one.", origin)
         self._count += 1
-        tab = Tab(self._count, host, here[0], self._slave, self.dropped, self._datagrams.take, self._left)
+        tab = Tab(self._count, host, here[0], self._slave, self.carried, self.dropped, self._datagrams.take, self._left)
         self.tabs.append(tab)
         try:
             answer = await asyncio.wait_for(tab.answer(offer), OFFER_WITHIN_S)
@@ -208,15 +204,12 @@ class Gateway(Site):
 
     def _left(self, tab: Tab, reason: str) -> None:
         self.tabs.remove(tab)
-        traffic = asdict(tab.traffic)
-        for name, value in asdict(self._total).items():
-            setattr(self._total, name, value + traffic[name])
         leaving = asyncio.ensure_future(tab.closed())
         self._leaving.add(leaving)
         leaving.add_done_callback(self._leaving.discard)
         self._say(
             f"tab {tab.number} from {tab.host} left: {reason}"
-            f" ({tab.traffic.to_slave} datagrams to the slave, {tab.traffic.to_tab} back)"
+            f" ({tab.to_slave} datagrams to the slave, {tab.to_tab} back)"
         )
 
     def _note_fault(self, _: asyncio.AbstractEventLoop, context: Mapping[str, Any]) -> None:

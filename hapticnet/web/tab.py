@@ -13,7 +13,6 @@ import time
 from collections import Counter
 from collections.abc import Awaitable, Callable
 from contextlib import suppress
-from dataclasses import dataclass
 from typing import Any, Final
 
 from aioice.candidate import Candidate, candidate_foundation, candidate_priority
@@ -35,7 +34,7 @@ DEPTH_S: Final = 0.25  # each of these may come at once for this long
 OPEN_WITHIN_S: Final = 15.0  # longest time [s] from the offer until the channel is open
 IDLE_S: Final = 20.0  # longest time [s] without a datagram of the tab: a master sends at least twenty a second
 CLOSE_WITHIN_S: Final = 3.0
-LARGEST_BACKLOG: Final = 2 * MAX_DATAGRAM_BYTES  # bytes waiting for the tab, above which a datagram is dropped
+LARGEST_BACKLOG: Final = 256  # bytes waiting for the tab, above which a datagram is dropped: it would come too late
 MOST_ADDRESSES: Final = 8  # addresses from which a tab may send checks
 MOST_QUEUED: Final = 256  # packets of a tab that wait to be decrypted
 WINDOW_BYTES: Final = 64 * 1024  # bytes that may be on their way to the tab, also after a loss, as over UDP
@@ -45,16 +44,6 @@ MOST_GAPS: Final = 2048  # width of the gaps in what has arrived; it takes half 
 _DTLS: Final = range(20, 64)  # first byte of a packet of DTLS (RFC 7983)
 _SACK: Final = 3
 _GAPS_AT: Final = 16  # offset of a SACK's gaps from its beginning (RFC 9260)
-
-
-@dataclass(slots=True)
-class Traffic:
-    """What a tab, or all of them, have sent and received."""
-
-    to_slave: int = 0
-    to_tab: int = 0
-    to_slave_bytes: int = 0
-    to_tab_bytes: int = 0
 
 
 class IcePort(StunProtocol):
@@ -93,14 +82,14 @@ class Tab:
     """
 
     def __init__(
-        self, number: int, host: str, here: str, slave: HostPort, dropped: Counter[str],
+        self, number: int, host: str, here: str, slave: HostPort, carried: Counter[str], dropped: Counter[str],
         admits: Callable[[int], bool], ended: Callable[["Tab", str], None],
     ) -> None:  # fmt: skip
         self.number, self.host = number, host
-        self.traffic = Traffic()
+        self.to_slave = self.to_tab = 0  # datagrams
         self.is_open = False
         self._here, self._slave = here, slave
-        self._dropped, self._admits, self._ended = dropped, admits, ended
+        self._carried, self._dropped, self._admits, self._ended = carried, dropped, admits, ended
         self._datagrams = TokenBucket(DATAGRAMS_PER_S, DATAGRAMS_PER_S * DEPTH_S)
         self._bytes = TokenBucket(BYTES_PER_S, BYTES_PER_S * DEPTH_S)
         self._begun_s = self._heard_s = time.monotonic()
@@ -241,8 +230,9 @@ class Tab:
             self.drop("above the rate of datagrams")
             return
         self._heard_s = time.monotonic()
-        self.traffic.to_slave += 1
-        self.traffic.to_slave_bytes += len(data)
+        self.to_slave += 1
+        self._carried["to_slave"] += 1
+        self._carried["to_slave_bytes"] += len(data)
         self._port.send(data, self._address)
 
     def _return(self, batch: list[tuple[bytes, Any]], _now_us: int) -> None:
@@ -254,8 +244,9 @@ class Tab:
             elif not 0 < len(data) <= MAX_DATAGRAM_BYTES:
                 self.drop("text, empty or too large")
             else:
-                self.traffic.to_tab += 1
-                self.traffic.to_tab_bytes += len(data)
+                self.to_tab += 1
+                self._carried["to_tab"] += 1
+                self._carried["to_tab_bytes"] += len(data)
                 channel.send(data)
 
 

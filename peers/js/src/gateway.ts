@@ -6,7 +6,7 @@
 import type { Transport } from "./run.js";
 
 /** As much as the channel may hold back [bytes]: what waits longer than a moment comes too late. */
-const MOST_HELD_BACK = 1200;
+const MOST_HELD_BACK = 128;
 
 const FIRST_RETRY_MS = 500;
 const LONGEST_RETRY_MS = 5000;
