@@ -33,8 +33,8 @@ from hapticnet.operator.scripted import InsertionSettings, ScriptedOperator
 from hapticnet.protocol.keys import format_key
 from peers import write_keys
 
-RATE_HZ: Final = 500
-"""Positions a second of the page, and here of the master over UDP."""
+RATE_HZ: Final = 250
+"""Positions a second of the page; over UDP there are 1000."""
 
 WEB_PORT: Final = 47890
 CODECS: Final = ("deadband", "raw")
@@ -185,7 +185,7 @@ def trips(tab: Tab, runner: Runner, wire: Link, path: str) -> dict[str, Any]:
 def session(tab: Tab, runner: Runner, wire: Link, path: str, codec: str) -> dict[str, Any]:
     """Return what is felt in a sealed session."""
     if path == "UDP":
-        seen = runner.run(wire, "hapticnet", {"codec": codec, "rate_hz": float(RATE_HZ), "sealed": True})["seen"]
+        seen = runner.run(wire, "hapticnet", {"codec": codec, "sealed": True})["seen"]
         return felt(seen["ticks"], seen["ticks"][seen["warm_up"]][0] - 1e6 * SETTLE_S)
     found = tab.run(wire, codec)
     return felt(found["ticks"], found["begun_us"]) | {"bytes_back_per_s": found["bytes_back"] / tab.seconds}
@@ -200,7 +200,7 @@ def measure(arguments: argparse.Namespace) -> dict[str, Any]:
         folder = Path(name)
         keys = write_keys(folder)
         tab = Tab(folder, keys, arguments)
-        runner = Runner(folder, keys, ticks=round(RATE_HZ * arguments.seconds), seed=arguments.seed, fifo=False)
+        runner = Runner(folder, keys, ticks=round(1000 * arguments.seconds), seed=arguments.seed, fifo=False)
         cases = [("round trip", trips), *((codec, functools.partial(session, codec=codec)) for codec in CODECS)]
         for loss, (what, run), path in itertools.product(LOSSES, cases, PATHS):
             for _ in range(2):

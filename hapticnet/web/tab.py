@@ -23,7 +23,7 @@ from hapticnet.errors import UnavailableError
 from hapticnet.protocol.buckets import TokenBucket
 from hapticnet.protocol.wire import MAX_DATAGRAM_BYTES
 from hapticnet.runtime.system import now_us
-from hapticnet.runtime.udp import RECEIVE_BUFFER_BYTES, HostPort, UdpPort, open_toward
+from hapticnet.runtime.udp import HostPort, UdpPort, open_toward
 from hapticnet.web.offer import Offer
 
 DATAGRAMS_PER_S: Final = 1500  # datagrams a second of a tab to the slave, which may grant 1000 positions
@@ -37,6 +37,7 @@ CLOSE_WITHIN_S: Final = 3.0
 LARGEST_BACKLOG: Final = 256  # bytes waiting for the tab, above which a datagram is dropped: it would come too late
 MOST_ADDRESSES: Final = 8  # addresses from which a tab may send checks
 MOST_QUEUED: Final = 256  # packets of a tab that wait to be decrypted
+BUFFER_BYTES: Final = 32 * 1024  # of a tab's port: if the gateway is too slow, packets are lost instead of late
 WINDOW_BYTES: Final = 64 * 1024  # bytes that may be on their way to the tab, also after a loss, as over UDP
 LEAST_CREDIT: Final = 512 * 1024  # of the mebibyte that aiortc grants for messages in parts; below it, parts pile up
 MOST_GAPS: Final = 2048  # width of the gaps in what has arrived; it takes half a second of losses at 1 kHz
@@ -158,7 +159,7 @@ class Tab:
             )
         except OSError:
             return []
-        transport.get_extra_info("socket").setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, RECEIVE_BUFFER_BYTES)
+        transport.get_extra_info("socket").setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, BUFFER_BYTES)
         host, number = transport.get_extra_info("sockname")[:2]
         port.local_candidate = Candidate(
             candidate_foundation("host", "udp", host), component, "udp", candidate_priority(component, "host"),
