@@ -40,8 +40,10 @@ def describe(source: Source, wheels: list[Path], folder: Path) -> dict[str, Any]
     )
     document: dict[str, Any] = json.loads(written)
     parts = document["components"]
+    for part in parts:  # those that were installed from a file have none
+        part.setdefault("purl", f"pkg:pypi/{part['name']}@{part['version']}")
+    (own,) = [part for part in parts if part["name"] == "hapticnet"]
     parts += bundled(source.folder / "peers" / "js")
-    (own,) = [part for part in parts if part["name"] == "hapticnet" and part["purl"].startswith("pkg:pypi/")]
     document["metadata"]["component"] = own
     document["components"] = [part for part in parts if part is not own]
     _remove_paths(document)
