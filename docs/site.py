@@ -11,7 +11,7 @@ from typer.cli import get_docs_for_click
 from hapticnet.cli import app
 
 OUTSIDE: Final = re.compile(
-    r"\[([^]]*)\]\((?:\.\./)+(?:examples|extras|studies|hapticnet|firmware|peers|tests|CONTRIBUTING)[^)]*\)"
+    r"\[([^]]*)\]\((?:\.\./)+(?:examples|extras|studies|hapticnet|firmware|peers|tests|CONTRIBUTING|CHANGELOG)[^)]*\)"
 )
 """A link to a file of the repository that is not a page."""
 
