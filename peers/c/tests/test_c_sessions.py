@@ -1,13 +1,11 @@
-"""Live sessions of the C master in virtual time: it sends the same bytes and applies the same forces as hapticnet's."""
+"""Pairs of sessions in virtual time, for what peers/conformance cannot reach, and a hand that loses its place."""
 
-import ctypes
 import math
 from types import SimpleNamespace
 from typing import Any
 
 import msgpack
 import numpy as np
-import pytest
 
 import peer
 from hapticnet.channel.emulator import Emulator
@@ -21,8 +19,6 @@ from hapticnet.operator.base import UserOperator
 from hapticnet.perception import WeberLaw
 from hapticnet.protocol.handshake import SealedDoor
 from hapticnet.protocol.keys import NO_PSK, Roster
-from hapticnet.protocol.messages import Code
-from hapticnet.protocol.settings import SessionSettings
 from hapticnet.protocol.wire import SEALED
 from hapticnet.samples import ForceSample
 from tests.peers import ENTRY, SLAVE
@@ -185,142 +181,6 @@ CODECS = [
     ("merging", {}), ("level-crossing", {}), ("linear-predictive", {}), ("adaptive-predictive", {}),
     ("least-squares", {"step_n": 0.001}),
 ]  # fmt: skip
-
-
-@pytest.mark.parametrize("network", NETWORKS)
-@pytest.mark.parametrize("axes", [1, 3])
-def test_each_datagram_is_equal_to_the_byte_and_each_force_to_the_bit(lib, network, axes):
-    pair = Pair(lib, network, axes=axes)
-    pair.run(4.0)
-    pair.check(least_n=0.0 if network == "too slow" else 3.0)
-
-
-@pytest.mark.parametrize(("codec", "parameters"), CODECS)
-def test_every_codec_that_does_not_follow_the_hand_agrees_over_loss(lib, codec, parameters):
-    pair = Pair(lib, "lossy", codec, axes=2, **parameters)
-    pair.run(3.0)
-    pair.check(least_n=3.0)
-
-
-def stopped(loop, **settings):
-    """Restart the slave of a loop: it knows no session any more."""
-    axes = loop.master.axes
-    loop.slave = SlaveNode(lambda _: Spring(axes), SlaveSettings(**settings), np.random.default_rng([9, 9]))
-
-
-@pytest.mark.parametrize("ways", [{}, {"forward": False}, {"back": False}], ids=["both ways", "back", "forth"])
-@pytest.mark.parametrize("seconds", [0.25, 0.9, 3.0, 8.0])
-def test_a_silent_link_releases_the_force_and_recovers_or_is_asked_for_again(lib, seconds, ways):
-    pair = Pair(lib, "lossy")
-    pair.run(1.0)
-    pair.shut(0.0, seconds, **ways)
-    pair.run(seconds)
-    assert pair.of_c.master.held_n == (0.0,) or seconds < 0.3
-    pair.run(2.5)
-    assert pair.of_c.master.state == "established"
-    pair.check(least_n=3.0)
-
-
-def test_a_restarted_slave_is_noticed_by_its_reset_and_asked_for_another_session(lib):
-    pair = Pair(lib, "slow")
-    pair.run(1.0)
-    pair.each(stopped)
-    pair.run(2.0)
-    assert pair.of_c.master.state == "established"
-    assert pair.of_c.slave.session_count == 1
-    pair.check(least_n=3.0)
-
-
-def test_a_close_of_the_slave_is_followed_by_another_session_and_the_force_by_its_force(lib):
-    pair = Pair(lib, "disorder")
-    pair.run(1.0)
-    pair.each(lambda loop: loop.slave._end(loop.slave.contexts[0], "moved", loop.now_us))
-    pair.run(1.0)
-    assert (pair.of_c.master.state, pair.of_c.master.reason) == ("established", ("moved", 0))
-    pair.check(least_n=3.0)
-
-
-def test_a_failure_of_the_slave_ends_the_master_with_no_force(lib):
-    pair = Pair(lib, "slow")
-    pair.run(1.0)
-    pair.each(lambda loop: loop.slave._end(loop.slave.contexts[0], "broken", loop.now_us, code=Code.FAILED))
-    pair.run(1.0)
-    master = pair.of_c.master
-    assert (master.state, master.reason) == ("closed", ("broken", Code.FAILED))
-    pair.check()
-    master.drive(pair.of_c.now_us)
-    assert master.held_n == (0.0,)
-
-
-def test_a_master_that_closes_is_answered_and_ends(lib):
-    pair = Pair(lib, "lossy")
-    pair.run(1.0)
-    pair.each(lambda loop: loop.close("done"))
-    pair.check()
-    assert pair.of_c.master.state == "closed"
-    assert pair.of_c.slave.session_count == 0
-
-
-def test_a_master_that_closes_without_a_network_gives_up(lib):
-    pair = Pair(lib)
-    pair.run(0.5)
-    pair.shut(0.0, 9.0)
-    pair.each(lambda loop: loop.close("done"))
-    pair.check()
-    assert pair.of_c.master.state == "closed"
-
-
-def test_a_refused_request_ends_with_the_reason_of_the_slave(lib):
-    pair = Pair(lib, axes=3)
-    for loop in pair.loops:
-        loop.slave = SlaveNode(lambda _: Spring(1), SlaveSettings(), np.random.default_rng(3))
-    pair.run(1.0)
-    pair.check()
-    reason, code = pair.of_c.master.reason
-    assert (pair.of_c.master.state, code) == ("closed", Code.AXES)
-    assert "axes" in reason
-
-
-def test_a_slave_that_stops_is_asked_again_later_and_its_notice_is_kept(lib):
-    pair = Pair(lib, "slow")
-    pair.each(lambda loop: loop.slave.drain(loop.now_us))
-    pair.run(4.0)
-    assert (pair.of_c.master.state, pair.of_c.master.reason[1]) == ("connecting", Code.STOPPING)
-    pair.each(stopped)
-    pair.run(8.0)
-    assert pair.of_c.master.state == "established"
-    pair.each(lambda loop: loop.slave.drain(loop.now_us))
-    pair.each(lambda loop: loop.slave.check(loop.now_us))
-    pair.run(1.0)
-    assert pair.of_c.master.reason == ("this slave is about to stop: end soon, or go on elsewhere", Code.STOPPING)
-    pair.check(least_n=3.0)
-
-
-def test_sequence_numbers_of_both_sides_wrap_without_a_change_of_force(lib):
-    session = SessionSettings(first_sequence=2**32 - 60)
-    pair = Pair(lib, "disorder", slave={"session": session})
-    pair.run(0.2)
-    pair.of_python.master.session._stream.sequence = 2**32 - 500
-    lib.shim_set_sequence(pair.of_c.master.pointer, ctypes.c_uint32(2**32 - 500))
-    pair.run(2.0)
-    pair.check(least_n=3.0)
-
-
-@pytest.mark.parametrize("rate_hz", [20.0, 300.0, 997.3, 4000.0])
-def test_any_rate_and_a_slave_that_grants_less_give_the_same_positions(lib, rate_hz):
-    pair = Pair(lib, "lossy", rate_hz=rate_hz, slave={"fastest_rate_hz": 700.0})
-    pair.run(2.0)
-    pair.check(least_n=0.5)
-
-
-def test_a_clock_that_jumps_gives_no_other_datagram_or_force(lib):
-    pair = Pair(lib, "slow")
-    for jump_us in (-300_000, 40_000, -5_000_000, 30_000_000, 0):
-        pair.run(0.7)
-        for loop in pair.loops:
-            loop.now_us += jump_us
-            loop._next_tick_us += jump_us
-    pair.check()
 
 
 def test_a_hand_without_a_place_sends_no_position_until_it_has_one_again(lib):
