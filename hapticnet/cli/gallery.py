@@ -1,13 +1,11 @@
 """``hapticnet gallery``: the demonstrations for a talk, each one click in a browser."""
 
-import asyncio
-import signal
 from typing import TYPE_CHECKING
 
 from hapticnet import options
 
 if TYPE_CHECKING:
-    from hapticnet.web.gallery import Demonstration, Gallery
+    from hapticnet.web.gallery import Demonstration
 
 
 def gallery(page: options.Page = None, quiet: options.Quiet = False) -> None:
@@ -16,7 +14,7 @@ def gallery(page: options.Page = None, quiet: options.Quiet = False) -> None:
     Each starts when somebody opens it, one at a time, and ends when nobody watches it for 20 s.
     """
     from hapticnet.cli.console import Console
-    from hapticnet.cli.pages import listen_for, say_addresses
+    from hapticnet.cli.pages import listen_for, say_addresses, until_signal
     from hapticnet.runtime.system import run
 
     console = Console("gallery", quiet=quiet)
@@ -25,20 +23,8 @@ def gallery(page: options.Page = None, quiet: options.Quiet = False) -> None:
 
     say_addresses({"gallery: ": "watch"}, access, console)
     console.say("open this address in a browser; press Ctrl-C to end")
-    run(_serve(Gallery(access, sock, Shown, console.warn)))
+    run(until_signal(Gallery(access, sock, Shown, console.warn)))
     console.say("ended")
-
-
-async def _serve(gallery: "Gallery") -> None:
-    """Serve it until a signal."""
-    ended = asyncio.Event()
-    for number in (signal.SIGINT, signal.SIGTERM):
-        asyncio.get_running_loop().add_signal_handler(number, ended.set)
-    await gallery.start()
-    try:
-        await ended.wait()
-    finally:
-        await gallery.stop()
 
 
 class Shown:

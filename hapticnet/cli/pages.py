@@ -25,11 +25,28 @@ if TYPE_CHECKING:
     from hapticnet.runtime.udp import HostPort
     from hapticnet.runtime.watching import Watcher
     from hapticnet.web.access import Access
+    from hapticnet.web.audience import Audience
     from hapticnet.web.messages import View
+    from hapticnet.web.server import Site
 
 PAGE: Final = "live page: "  # start of the message with the page's address
 _FILE: Final = re.compile(r"open (file://\S+\.html) in a browser; it holds the token for \S+")
 _LINK: Final = '<!doctype html><meta http-equiv="refresh" content="0; url={url}"><a href="{url}">hapticnet</a>\n'
+
+
+async def until_signal(site: "Site", *audience: "Audience") -> None:
+    """Serve a site until SIGINT or SIGTERM; its audience is told before it ends."""
+    import asyncio
+
+    from hapticnet.runtime.signals import stop_on_signals
+
+    await site.start()
+    try:
+        await stop_on_signals(asyncio.get_running_loop()).wait()
+    finally:
+        for pages in audience:
+            await pages.stop()
+        await site.stop()
 
 
 class ServedPage:

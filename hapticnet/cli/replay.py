@@ -8,10 +8,6 @@ import typer
 from hapticnet import options
 
 if TYPE_CHECKING:
-    import socket
-
-    from hapticnet.web.access import Access
-    from hapticnet.web.replay import Replay
     from hapticnet.web.tape import Tape
 
 WATCH: Final = "watch it here: "  # start of the message with the page's address
@@ -40,7 +36,7 @@ def replay(
     """
     from hapticnet.checks import check_parameter
     from hapticnet.cli.console import Console
-    from hapticnet.cli.pages import listen_for, say_addresses
+    from hapticnet.cli.pages import listen_for, say_addresses, until_signal
     from hapticnet.runtime.system import run
 
     check_parameter("--speed", speed, 0.1, 4.0)
@@ -49,6 +45,7 @@ def replay(
     from hapticnet.recordings.loading import load_recording
     from hapticnet.recordings.session.reading import ForeignError, read_session
     from hapticnet.web.replay import Replay
+    from hapticnet.web.server import Server
     from hapticnet.web.tape import tape_of_force, tape_of_session
 
     def load(path: Path) -> "Tape":
@@ -70,23 +67,7 @@ def replay(
             [load(each) for each in (file, second) if each is not None], console.warn, speed=speed, loop=loop
         )
         say_addresses({WATCH: "watch"}, access, console)
-        run(_serve(shown, access, sock))
+        run(until_signal(Server(shown, access, sock), shown))
     finally:
         sock.close()
         console.finish()
-
-
-async def _serve(shown: "Replay", access: "Access", sock: "socket.socket") -> None:
-    """Serve the page until a signal."""
-    import asyncio
-
-    from hapticnet.runtime.signals import stop_on_signals
-    from hapticnet.web.server import Server
-
-    server = Server(shown, access, sock)
-    await server.start()
-    try:
-        await stop_on_signals(asyncio.get_running_loop()).wait()
-    finally:
-        await shown.stop()
-        await server.stop()

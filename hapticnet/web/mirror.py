@@ -21,12 +21,17 @@ BEHIND_M: Final = 0.03
 in a trial must not know, except where it breaks deeper than this."""
 
 
-def scene_called(name: str) -> SceneSettings | None:
-    """Return the built-in scene of that name from the network, so without reading a file; or None."""
+def built_in(name: str) -> object:
+    """Return the settings of the built-in scene of that name from the network, so without reading a file; or None."""
     try:
-        found = find_scene(name) if scene_file(name) is None else None
+        return find_scene(name) if scene_file(name) is None else None
     except HapticnetError:
         return None
+
+
+def scene_called(name: str) -> SceneSettings | None:
+    """Return the built-in scene of tissues of that name; or None."""
+    found = built_in(name)
     return found if isinstance(found, SceneSettings) else None  # bodies have no surfaces to draw on one axis
 
 

@@ -12,7 +12,7 @@ server::
      "tapes": [{"label": "A", "name": "run.mcap", "begin_s": 0.0, …}]}  // begin_s: when it begins; `Tape.description`
     {"type": "figures", "t_s": 3.2, "tapes": [FIGURES, …]}             // the answer to "figures"; null before it begins
 
-    FIGURES = {"since_s": 0.0, "traffic": TRAFFIC or null, "felt": {…, "so_far": 0.002} or null}  // as in a state
+    FIGURES = {"traffic": TRAFFIC or null, "felt": {…, "so_far": 0.002} or null}  // as in a state
 
 and, binary and little-endian, ``BLOCK``: u8 4; u8 recording; u16 axes; u32 number; u32 rows r; u16 columns c; u16
 tissues n; u32 frames f; u32 components p of the held force in frames, the axes or 0; f64 time of its begin [s]; c × r ×
@@ -56,16 +56,6 @@ class AskFigures(NamedTuple):
     t_s: float
 
 
-def read_block(content: dict[str, Any]) -> AskBlock:
-    """Return a page's request for a block; MistakeError if it is malformed."""
-    return AskBlock(_number(content, "tape", int), _number(content, "number", int))
-
-
-def read_figures(content: dict[str, Any]) -> AskFigures:
-    """Return a page's request for figures; MistakeError if it is malformed."""
-    return AskFigures(_number(content, "t_s", (int, float)))
-
-
 def _number(content: dict[str, Any], name: str, kind: Any) -> Any:
     value = content.get(name)
     if isinstance(value, bool) or not isinstance(value, kind) or not 0 <= value < LARGEST:
@@ -79,7 +69,10 @@ class Replay(Audience):
     views = ("watch",)
     documents: ClassVar[Mapping[View, str]] = {"watch": "replay.html"}
     farewell = "the replay has ended"
-    further: ClassVar[Mapping[str, Reader]] = {"block": read_block, "figures": read_figures}
+    further: ClassVar[Mapping[str, Reader]] = {
+        "block": lambda content: AskBlock(_number(content, "tape", int), _number(content, "number", int)),
+        "figures": lambda content: AskFigures(_number(content, "t_s", (int, float))),
+    }
 
     def __init__(
         self, tapes: list[Tape], say: Callable[[str], None], *, speed: float = 1.0, loop: bool = False

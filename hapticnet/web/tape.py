@@ -6,6 +6,7 @@ An hour at 1 kHz takes 0.6 GB, and 0.9 GB while it is read.
 
 import re
 from collections.abc import Iterator, Mapping
+from contextlib import suppress
 from dataclasses import asdict, dataclass, field
 from itertools import pairwise
 from pathlib import Path
@@ -17,9 +18,7 @@ import numpy.typing as npt
 from hapticnet.arrays import FloatArray, IntArray
 from hapticnet.errors import FileError, HapticnetError
 from hapticnet.measure.metrics import error_report, norms
-from hapticnet.node.offline import force_datagram_bytes
 from hapticnet.perception import WeberLaw
-from hapticnet.protocol.seal import TAG_BYTES
 from hapticnet.protocol.wire import UDP_IPV4_HEADER_BYTES, Kind
 from hapticnet.recordings.loading import Recording
 from hapticnet.recordings.session.session import (
@@ -34,9 +33,9 @@ from hapticnet.recordings.session.session import (
 from hapticnet.samples import MAX_AXES
 from hapticnet.scene.bodies import BodyScene
 from hapticnet.scene.settings import BodySceneSettings
-from hapticnet.scene.sources import find_scene, scene_file
 from hapticnet.web import messages
-from hapticnet.web.mirror import Mirror, scene_called
+from hapticnet.web.mirror import Mirror, built_in, scene_called
+from hapticnet.web.traffic import raw_wire_bytes
 
 COLUMNS: Final = ("true", "received", "held", "sensed", "error", "packets")
 FRAMES_PER_S: Final = 60  # at most, of tool and surfaces
@@ -44,7 +43,7 @@ ROWS_PER_BLOCK: Final = 2_000  # about that many rows are sent at once, of a sec
 LARGEST: Final = 1e9  # larger numbers are shown as unknown
 MOST_EVENTS: Final = 1_000  # events that a page gets
 LONGEST_EVENT: Final = 4000  # characters of one
-_AXIS: Final = re.compile(r"(.+?)(?:_[xyz])?_(m|rad)")
+_AXIS: Final = re.compile(r"_[xyz](?=_(m|rad)$)")
 _SIDES: Final = {"master": ("displacement_m", 3), "slave": ("answered_us", 4)}  # last column, columns after the held
 
 
@@ -105,15 +104,15 @@ class Tape:
         row = int(np.searchsorted(self.t_us, t_us, side="right"))
         span = next((span for span in reversed(self.spans) if span.row < row), None)
         since = span.row if span is not None else 0
-        figures: dict[str, Any] = {"since_s": self._seconds(since), "felt": None}
+        figures: dict[str, Any] = {"felt": None}
         figures["traffic"] = self._traffic(t_us, row, since) if len(self.back) else None
         first = max(since, int(np.searchsorted(self.t_us, t_us - round(1e6 * messages.HISTORY_S), side="right")))
         known = np.flatnonzero(np.isfinite(self.rows[4, first:row])) + first
         if len(known) and span is not None:
             held = np.abs(self.rows[2, known].astype(np.float64))
             error = self.rows[4, known].astype(np.float64)
-            figures["felt"] = asdict(error_report(span.law, (held + error)[:, None], held[:, None]))
-            figures["felt"]["so_far"] = self._share("above", "known", row)
+            felt = error_report(span.law, (held + error)[:, None], held[:, None])
+            figures["felt"] = asdict(felt) | {"so_far": self._above_jnd(row)}
         return figures
 
     def summary(self) -> dict[str, Any]:
@@ -127,7 +126,7 @@ class Tape:
             "is_felt": felt_s > 0,
             "packets_per_s": round(rate, 1) if len(self.back) else None,
             "raw_per_s": round(self.rate_hz, 1),
-            "above_jnd": self._share("above", "known", len(self.t_us)),
+            "above_jnd": self._above_jnd(len(self.t_us)),
         }
 
     def block(self, number: int) -> tuple[float, FloatArray, tuple[npt.NDArray[Any], ...]]:
@@ -148,25 +147,31 @@ class Tape:
     def description(self, label: str) -> dict[str, Any]:
         """Return what a page must know of it at first; times count from its first row."""
         first_us = int(self.t_us[0])
-        events = [event for event in self.events if event.name != IN_FORCE][:MOST_EVENTS]
+        last_s = self._seconds(len(self.t_us) - 1)
+        events = [  # the last ones, such as the end, come after the last row
+            (min(1e-6 * (each.t_us - first_us), last_s), each.name, each.text[:LONGEST_EVENT])
+            for each in self.events
+            if each.name != IN_FORCE
+        ]
         return {
             "label": label, "name": self.path.name, "kind": self.kind, "notes": self.notes,
             "summary": self.summary(),
             "unix_s": None if self.unix_offset_us is None else (first_us + self.unix_offset_us) / 1e6,
-            "axes": self.axes, "block_s": self.block_us / 1e6, "duration_s": self._seconds(len(self.t_us) - 1),
+            "axes": self.axes, "block_s": self.block_us / 1e6, "duration_s": last_s,
             "columns": ["t", *COLUMNS], "scenes": self.scenes, "shapes": self.shapes,
             "known": [name for name, row in zip(COLUMNS, self.rows, strict=True) if np.isfinite(row).any()],
             "top_n": float(np.fmax.reduce(self.rows[:4], axis=None, initial=0.0)),
             "bottom_n": float(np.fmin.reduce(self.rows[:4], axis=None, initial=0.0)),
             "spans": [one._asdict() | {"t_s": self._seconds(one.row), "law": asdict(one.law)} for one in self.spans],
-            "events": [(1e-6 * (each.t_us - first_us), each.name, each.text[:LONGEST_EVENT]) for each in events],
+            "events": events[:MOST_EVENTS],
         }  # fmt: skip
 
     def _seconds(self, row: int) -> float:
         return (int(self.t_us[min(row, len(self.t_us) - 1)]) - int(self.t_us[0])) / 1e6
 
-    def _share(self, part: str, whole: str, row: int) -> float | None:
-        return float(self.sums[part][row]) / float(self.sums[whole][row]) if self.sums[whole][row] else None
+    def _above_jnd(self, row: int) -> float | None:
+        known = int(self.sums["known"][row])
+        return int(self.sums["above"][row]) / known if known else None
 
     def _traffic(self, t_us: int, row: int, since: int) -> dict[str, float]:
         """Return rates of the last second, and totals while a force was felt since the settings last changed."""
@@ -199,8 +204,11 @@ class Tape:
         first_scene = self.spans[0].scene if self.spans else ""
         begun = {0: (first_scene, self.kind == "slave")}  # scene, and whether it is new, by the row from which it is
         for event in self.events:
-            if event.name == "Connected" and (found := _scene_of(event)) is not None:
-                begun[int(np.searchsorted(self.t_us, event.t_us))] = found
+            if event.name == "Connected":
+                with suppress(ValueError, KeyError, TypeError):  # a damaged one begins none
+                    grant = parse_json(event.text)["grant"]
+                    row = int(np.searchsorted(self.t_us, event.t_us))
+                    begun[row] = str(grant["scene"]), grant["resumed"] is False
         begun = dict(sorted(each for each in begun.items() if each[0] < len(self.t_us)))
         mirrors = [
             Mirror(known, is_new=is_new) if self.axes == 1 and (known := scene_called(name)) is not None else None
@@ -234,8 +242,9 @@ class Tape:
         shown = [{"rest_m": each.rest_position_m} | {key: getattr(each, key) for key in keys} for each in tissues]
         low, high = float(self.position_m[:, 0].min()), float(self.position_m[:, 0].max())
         range_m = (low, max(high, low + 0.01)) if mirror is None else mirror.range_m
-        if mirror is None and not self.shapes:
-            self.shapes = _shapes_of(name, self.axes)
+        bodies = built_in(name)
+        if isinstance(bodies, BodySceneSettings) and bodies.axes == self.axes and not self.shapes:
+            self.shapes = list(BodyScene(bodies.bodies, name=name).shapes())
         about = {"known": mirror is not None, "name": name, "axes": self.axes, "reach_m": 0.05}
         return {**about, "range_m": range_m, "tissues": shown}
 
@@ -252,26 +261,20 @@ class Tape:
         if "true" in self.vectors and "held" in self.vectors and self.spans:
             error = norms(self.vectors["true"] - self.vectors["held"])
             self.rows[4] = error
-            known, above = np.isfinite(error), np.zeros(count, bool)
-            held = norms(self.vectors["held"])
-            ends = [*(span.row for span in self.spans[1:]), count]
-            for number, (span, end) in enumerate(zip(self.spans, ends, strict=True)):
-                part = slice(span.row if number else 0, end)
-                above[part] = error[part] > span.law.jnds_n(held[part])
+            parts = np.split(norms(self.vectors["held"]), [span.row for span in self.spans[1:]])
+            jnds_n = [span.law.jnds_n(held) for span, held in zip(self.spans, parts, strict=True)]
+            known, above = np.isfinite(error), error > np.concatenate(jnds_n)
         self.sums = {"known": _summed(known), "above": _summed(above)}
 
     def _count(self) -> None:
         """Sum up packets and bytes of all rows, and of those in which a force was felt."""
-        count = len(self.t_us)
         arrived = np.searchsorted(self.back[:, 0], self.t_us, side="right")
         packets = np.diff(arrived, prepend=0)
         total = np.concatenate([[0], np.cumsum(self.back[:, 2])])
         sizes = np.diff(total[arrived], prepend=0)
         forces = np.concatenate([[0], np.cumsum(self.back[:, 1] == int(Kind.FORCE))])
         self.rows[5] = np.diff(forces[arrived], prepend=0) if len(self.back) else np.nan
-        one = np.array([count]), np.array([1 << 31]), np.array([4 * self.axes], np.uint16)  # only their sizes matter
-        tag = TAG_BYTES if self.about.get("sealed") is True else 0
-        self._raw_bytes = int(force_datagram_bytes(*one)[0]) + UDP_IPV4_HEADER_BYTES + tag
+        self._raw_bytes = raw_wire_bytes(len(self.t_us), self.axes, sealed=self.about.get("sealed") is True)
         felt = np.abs(np.nan_to_num(self.rows[1])) > 0.0
         for name, each in (("packets", packets), ("bytes", sizes), ("raw_packets", felt)):
             self.sums[name] = _summed(each * felt)
@@ -287,8 +290,8 @@ def tape_of_session(path: Path, session: Session) -> Tape:
     most, rest = divmod(len(names) - 1 - after, 3)
     if most < 1 or rest or last not in names:
         raise FileError(f"{path}: its columns are not those of a {side}: {', '.join(names[:20])}")
-    stems = [found.groups() if (found := _AXIS.fullmatch(name)) else (name, "") for name in names[1 : 1 + most]]
-    axes = min(MAX_AXES, sum(1 for stem in stems[:MAX_AXES] if stem == stems[0]))
+    stems = [_AXIS.sub("", name) for name in names[1 : 1 + most]]
+    axes = stems[:MAX_AXES].count(stems[0])
     keep = _in_order(columns["t_us"])
 
     def vector(quantity: int) -> FloatArray:
@@ -296,19 +299,23 @@ def tape_of_session(path: Path, session: Session) -> Tape:
         return np.stack([_bounded(columns[name][keep]) for name in names[start : start + axes]], axis=1)
 
     held = vector(2)
-    second = "received" if side == "master" else "true"
-    vectors = {"held": held, second: vector(1)}
-    notes = [] if session.complete else [_why_incomplete(session)]
+    vectors = {"held": held, "received": vector(1)} if side == "master" else {"held": held, "received": held}
+    notes = []
+    if not session.is_whole:
+        notes.append("the file is cut off or damaged: what is whole of it is shown")
+    elif not session.complete:
+        why = session.about.get(INCOMPLETE, "the recording stopped before its session ended")
+        notes.append(f"incomplete: {why}")
     if side == "slave":
-        vectors["received"] = held
+        vectors["true"] = vector(1)
         notes.append("a slave's recording: held is what the master holds if nothing is lost, packets are those sent")
     if axes < most:
-        notes.append(f"only the first of its parts is shown: {names[1].rpartition('_')[0]}")
+        notes.append(f"only the first of its parts is shown: {stems[0].rpartition('_')[0]}")
     return Tape(
         path, side, columns["t_us"][keep].astype(np.int64), _without_gaps(vector(0)), vectors,
         sensed_n=_bounded(columns[names[-2]][keep]) if side == "master" and columns[names[-2]].any() else None,
-        back=_back(session), events=session.events, about=session.about, unix_offset_us=session.unix_offset_us,
-        notes=notes,
+        back=_back(session), events=tuple(sorted(session.events, key=lambda event: event.t_us)), about=session.about,
+        unix_offset_us=session.unix_offset_us, notes=notes,
     )  # fmt: skip
 
 
@@ -323,12 +330,6 @@ def tape_of_force(path: Path, recording: Recording) -> Tape:
     return Tape(path, "foreign", recording.t_us[keep], _without_gaps(position), {"true": force}, notes=notes)
 
 
-def _why_incomplete(session: Session) -> str:
-    if not session.is_whole:
-        return "the file is cut off or damaged: what is whole of it is shown"
-    return f"incomplete: {session.about.get(INCOMPLETE, 'the recording stopped before its session ended')}"
-
-
 def _back(session: Session) -> IntArray:
     """Return the datagrams that the slave sent, as far as they are known here: time, kind and bytes with headers."""
     found = session.tables.get("datagram")
@@ -340,36 +341,14 @@ def _back(session: Session) -> IntArray:
         [found[name][chosen].astype(np.int64) for name in ("t_us", "kind", "datagram_bytes")], axis=1
     )
     datagrams[:, 2] += UDP_IPV4_HEADER_BYTES
-    if np.all(datagrams[1:, 0] >= datagrams[:-1, 0]):
-        return datagrams
     return datagrams[np.argsort(datagrams[:, 0], kind="stable")]
-
-
-def _scene_of(event: Event) -> tuple[str, bool] | None:
-    """Return the scene of a session that begins with this event, and whether it is new; None if that is damaged."""
-    try:
-        grant = parse_json(event.text)["grant"]
-        return str(grant["scene"]), grant["resumed"] is False
-    except (ValueError, KeyError, TypeError):
-        return None
-
-
-def _shapes_of(name: str, axes: int) -> list[Any]:
-    """Return how a built-in scene of bodies looks."""
-    try:
-        found = find_scene(name) if scene_file(name) is None else None
-    except HapticnetError:
-        return []
-    is_known = isinstance(found, BodySceneSettings) and found.axes == axes
-    return list(BodyScene(found.bodies, name=name).shapes()) if is_known else []  # type: ignore[union-attr]
 
 
 def _in_order(t_us: IntArray) -> Any:
     """Return an index of the rows in order of time; of rows of the same time, the last counts."""
     if np.all(t_us[1:] > t_us[:-1]):
         return slice(None)  # which copies nothing
-    order = np.argsort(t_us, kind="stable")
-    return order[np.append(np.diff(t_us[order]) > 0, True)]
+    return len(t_us) - 1 - np.unique(t_us[::-1], return_index=True)[1]
 
 
 def _bounded(values: FloatArray) -> FloatArray:
@@ -380,10 +359,8 @@ def _bounded(values: FloatArray) -> FloatArray:
 def _without_gaps(position_m: FloatArray) -> FloatArray:
     """Return positions with the last known one in place of those that are not."""
     for column in position_m.T:
-        known = np.isfinite(column)
-        if not known.all():
-            last = np.maximum.accumulate(np.where(known, np.arange(len(column)), 0))
-            column[:] = np.nan_to_num(column[last])
+        last = np.maximum.accumulate(np.where(np.isfinite(column), np.arange(len(column)), 0))
+        column[:] = np.nan_to_num(column[last])
     return position_m
 
 

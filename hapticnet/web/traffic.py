@@ -17,6 +17,12 @@ _Counts = tuple[float, ...]  # packets, wire bytes, and both if every sample wer
 _KEYS: Final = ("packets", "bytes", "raw_packets", "raw_bytes")
 
 
+def raw_wire_bytes(sequence: int, axes: int, *, sealed: bool) -> int:
+    """Return the bytes of a datagram with an uncompressed force, with headers."""
+    one = np.array([sequence]), np.array([1 << 31]), np.array([4 * axes], dtype=np.uint16)  # of a time only the size
+    return int(force_datagram_bytes(*one)[0]) + (TAG_BYTES if sealed else 0) + UDP_IPV4_HEADER_BYTES
+
+
 class RecentMedian:
     """Median of a distribution's samples of the last second, which soon shows a change of the delay."""
 
@@ -92,11 +98,8 @@ class TrafficMeter:
         session, axes = self._node.session, self._node.axes
         positions = session.sent.by_kind[Kind.POSITION]
         new = positions - self._raw_positions
-        # Use the present sequence number and time; only their sizes matter.
-        one = np.array([positions]), np.array([1 << 31]), np.array([4 * axes], dtype=np.uint16)
-        size = int(force_datagram_bytes(*one)[0]) + (TAG_BYTES if session.sealed else 0) + UDP_IPV4_HEADER_BYTES
         self._raw_positions = positions
-        self._raw_bytes += max(new, 0) * size
+        self._raw_bytes += max(new, 0) * raw_wire_bytes(positions, axes, sealed=session.sealed)
         sent = session.sent.packets, session.sent.wire_bytes
         back, drawing = session.received, session.drawing
         packets, wire_bytes = back.packets - drawing.packets, back.wire_bytes - drawing.wire_bytes
