@@ -1,7 +1,7 @@
 """``hapticnet replay``: one or two recordings on a page, with pause, seek, speed and loop."""
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Final
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -10,7 +10,6 @@ from hapticnet import options
 if TYPE_CHECKING:
     from hapticnet.web.tape import Tape
 
-WATCH: Final = "watch it here: "  # start of the message with the page's address
 File = Annotated[
     Path, typer.Argument(metavar="FILE", help="Recording of a master or slave, or any file with a force and its times.")
 ]
@@ -66,7 +65,7 @@ def replay(
         shown = Replay(
             [load(each) for each in (file, second) if each is not None], console.warn, speed=speed, loop=loop
         )
-        say_addresses({WATCH: "watch"}, access, console)
+        say_addresses({"watch it here: ": "watch"}, access, console)
         run(until_signal(Server(shown, access, sock), shown))
     finally:
         sock.close()

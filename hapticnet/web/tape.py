@@ -5,10 +5,10 @@ An hour at 1 kHz takes 0.6 GB, and 0.9 GB while it is read.
 """
 
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import asdict, dataclass, field
-from itertools import pairwise
+from itertools import pairwise, zip_longest
 from pathlib import Path
 from typing import Any, Final, NamedTuple
 
@@ -85,8 +85,7 @@ class Tape:
         self.rate_hz = 1e6 / float(np.median(np.diff(self.t_us))) if len(self.t_us) > 1 else 1.0
         self.spans = list(self._settings())
         self._follow_scenes()
-        self._compare()
-        self._count()
+        self._count(*self._compare())
         self.vectors = {"held": self.vectors["held"]} if self.axes > 1 and "held" in self.vectors else {}
 
     @property
@@ -210,28 +209,23 @@ class Tape:
                     row = int(np.searchsorted(self.t_us, event.t_us))
                     begun[row] = str(grant["scene"]), grant["resumed"] is False
         begun = dict(sorted(each for each in begun.items() if each[0] < len(self.t_us)))
-        mirrors = [
-            Mirror(known, is_new=is_new) if self.axes == 1 and (known := scene_called(name)) is not None else None
-            for name, is_new in begun.values()
-        ]
-        most = max((len(each.scene.tissues) for each in mirrors if each is not None), default=0)
         stride = max(1, round(self.rate_hz / FRAMES_PER_S))
         true_n = np.full(len(self.t_us), np.nan)
         at: list[int] = []
         surfaces: list[tuple[float, ...]] = []
         contacts: list[tuple[int, ...]] = []
-        for (first, (name, _)), end, mirror in zip(begun.items(), [*begun, len(self.t_us)][1:], mirrors, strict=True):
+        for (first, (name, is_new)), end in zip(begun.items(), [*begun, len(self.t_us)][1:], strict=True):
+            known = scene_called(name) if self.axes == 1 else None
+            mirror = None if known is None else Mirror(known, is_new=is_new)
             self.scenes.append({"t_s": self._seconds(first), **self._scene(name, mirror)})
             for low, high in pairwise([first, *range(first + 1, end, stride), end]):
                 at.append(high - 1)
                 if mirror is not None:
                     positions_m = self.position_m[low:high, 0].astype("f4").tolist()  # as the slave gets them
                     true_n[low:high] = mirror.forces_n(self.t_us[low:high].tolist(), positions_m)
-                looks = ((), ()) if mirror is None else (mirror.scene.surfaces_m(), mirror.scene.contacts())
-                surfaces.append(looks[0] + (0.0,) * (most - len(looks[0])))
-                contacts.append(looks[1] + (0,) * (most - len(looks[1])))
-        shape = len(at), most
-        self.frames = np.array(at), np.array(surfaces, "f4").reshape(shape), np.array(contacts, "u1").reshape(shape)
+                surfaces.append(() if mirror is None else mirror.scene.surfaces_m())
+                contacts.append(() if mirror is None else mirror.scene.contacts())
+        self.frames = np.array(at), _padded(surfaces, "f4"), _padded(contacts, "u1")
         if "true" not in self.vectors and np.isfinite(true_n).any():
             self.vectors["true"] = true_n[:, None]
 
@@ -248,8 +242,8 @@ class Tape:
         about = {"known": mirror is not None, "name": name, "axes": self.axes, "reach_m": 0.05}
         return {**about, "range_m": range_m, "tissues": shown}
 
-    def _compare(self) -> None:
-        """Compare held and true force in each row, and put what a page plots into `rows`."""
+    def _compare(self) -> tuple[npt.NDArray[np.bool_], npt.NDArray[np.bool_]]:
+        """Put what a page plots into `rows`; return where the felt error is known, and where it is above one JND."""
         count = len(self.t_us)
         self.rows = np.full((len(COLUMNS), count), np.nan, np.float32)
         for index, name in enumerate(COLUMNS[:3]):
@@ -264,9 +258,9 @@ class Tape:
             parts = np.split(norms(self.vectors["held"]), [span.row for span in self.spans[1:]])
             jnds_n = [span.law.jnds_n(held) for span, held in zip(self.spans, parts, strict=True)]
             known, above = np.isfinite(error), error > np.concatenate(jnds_n)
-        self.sums = {"known": _summed(known), "above": _summed(above)}
+        return known, above
 
-    def _count(self) -> None:
+    def _count(self, known: npt.NDArray[np.bool_], above: npt.NDArray[np.bool_]) -> None:
         """Sum up packets and bytes of all rows, and of those in which a force was felt."""
         arrived = np.searchsorted(self.back[:, 0], self.t_us, side="right")
         packets = np.diff(arrived, prepend=0)
@@ -276,8 +270,8 @@ class Tape:
         self.rows[5] = np.diff(forces[arrived], prepend=0) if len(self.back) else np.nan
         self._raw_bytes = raw_wire_bytes(len(self.t_us), self.axes, sealed=self.about.get("sealed") is True)
         felt = np.abs(np.nan_to_num(self.rows[1])) > 0.0
-        for name, each in (("packets", packets), ("bytes", sizes), ("raw_packets", felt)):
-            self.sums[name] = _summed(each * felt)
+        counts = {"packets": packets * felt, "bytes": sizes * felt, "raw_packets": felt, "known": known, "above": above}
+        self.sums = {name: np.cumsum(np.append(0, each), dtype=np.uint32) for name, each in counts.items()}
 
 
 def tape_of_session(path: Path, session: Session) -> Tape:
@@ -364,8 +358,9 @@ def _without_gaps(position_m: FloatArray) -> FloatArray:
     return position_m
 
 
-def _summed(values: npt.NDArray[Any]) -> npt.NDArray[np.uint32]:
-    return np.concatenate([[0], np.cumsum(values, dtype=np.uint32)]).astype(np.uint32)
+def _padded(rows: Sequence[Sequence[float]], kind: str) -> npt.NDArray[Any]:
+    """Return rows of different lengths as an array, with 0 after the shorter ones."""
+    return np.array(list(zip_longest(*rows, fillvalue=0)), kind).reshape(-1, len(rows)).T
 
 
 def together(tapes: list[Tape]) -> bool:

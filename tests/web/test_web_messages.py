@@ -5,42 +5,13 @@ import json
 import math
 import struct
 
-import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from hapticnet.errors import PeerError
-from hapticnet.operator.live import HandState
 from hapticnet.web import messages
-from hapticnet.web.messages import Change, Hand, MistakeError, Order
-from tests.web.rig import read_frame, read_samples
-
-
-def test_a_frame_is_as_specified():
-    data = messages.frame(HandState.LIVE, 7, 12.5, 0.25, (0.25, 0.5), (1, 0))
-    assert len(data) == 20 + 2 * 4 + 2
-    assert read_frame(data) == {
-        "state": 1, "number": 7, "time_ms": 12.5, "tip_m": 0.25, "surfaces_m": (0.25, 0.5), "contacts": (1, 0),
-        "further": (),
-    }  # fmt: skip
-    of_three_axes = messages.frame(HandState.LIVE, 7, 12.5, 0.25, (), (), (0.5, 0.75, 1.0, 2.0, 3.0))
-    assert read_frame(of_three_axes)["further"] == (0.5, 0.75, 1.0, 2.0, 3.0)
-
-
-def test_samples_are_column_by_column():
-    columns = np.arange(6.0).reshape(2, 3)
-    first, start_s, read = read_samples(messages.samples(2**32 + 5, 1.5, columns))
-    assert (first, start_s) == (5, 1.5)
-    assert (read == columns).all()
-
-
-def test_what_a_page_may_say():
-    assert messages.parse_text('{"type": "take"}') == Order.TAKE
-    assert messages.parse_text('{"type": "release"}') == Order.RELEASE
-    assert messages.parse_text('{"type": "let_go"}') == Order.LET_GO
-    assert messages.parse_text('{"type": "set", "codec": "raw", "delay_ms": 20}') == Change(codec="raw", delay_ms=20)
-    assert messages.parse_binary(struct.pack("<BBHfd", 1, 0, 0, 0.5, 3.25)) == Hand((0.5,), 3.25)
+from hapticnet.web.messages import MistakeError
 
 
 @pytest.mark.parametrize(
