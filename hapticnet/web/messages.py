@@ -268,9 +268,15 @@ def _change(content: dict[str, Any]) -> Change:
                 raise MistakeError("codec must be a name")
         elif key not in LIMITS:
             raise MistakeError(f"cannot set {key[:40]!r}; only: {', '.join(Change.__dataclass_fields__)}")
-        elif isinstance(value, bool) or not isinstance(value, (int, float)):
-            raise MistakeError(f"{key} must be a number")
-        elif not LIMITS[key][0] <= value <= LIMITS[key][1]:
-            low, high = LIMITS[key]
-            raise MistakeError(f"{key} is {str(value)[:20]}; it must be between {low:g} and {high:g}")
+        else:
+            number(key, value, *LIMITS[key])
     return Change(**content)
+
+
+def number(name: str, value: Any, low: float, high: float, *, whole: bool = False) -> Any:
+    """Return a number from a page; MistakeError if it is none, or out of range."""
+    if isinstance(value, bool) or not isinstance(value, int if whole else (int, float)):
+        raise MistakeError(f"{name} must be a {'whole ' * whole}number")
+    if not low <= value <= high:
+        raise MistakeError(f"{name} is {str(value)[:20]}; it must be between {low:g} and {high:g}")
+    return value

@@ -27,11 +27,11 @@ From a page::
 
 import struct
 from collections.abc import Callable, Mapping
-from typing import TYPE_CHECKING, Any, ClassVar, Final, NamedTuple
+from typing import TYPE_CHECKING, ClassVar, Final, NamedTuple
 
 from hapticnet.web import messages
 from hapticnet.web.audience import Audience
-from hapticnet.web.messages import MistakeError, Reader, View
+from hapticnet.web.messages import MistakeError, Reader, View, number
 from hapticnet.web.tape import Tape, together
 
 if TYPE_CHECKING:
@@ -39,7 +39,7 @@ if TYPE_CHECKING:
 
 BLOCK: Final = 4
 LABELS: Final = "AB"
-LARGEST: Final = 2**32  # number in a message
+LARGEST: Final = 2**32 - 1  # number in a message
 _HEAD: Final = struct.Struct("<BBHIIHHIId")
 
 
@@ -50,19 +50,6 @@ class AskBlock(NamedTuple):
     number: int
 
 
-class AskFigures(NamedTuple):
-    """A page asks for the figures at a time."""
-
-    t_s: float
-
-
-def _number(content: dict[str, Any], name: str, kind: Any) -> Any:
-    value = content.get(name)
-    if isinstance(value, bool) or not isinstance(value, kind) or not 0 <= value < LARGEST:
-        raise MistakeError(f"{name} is {str(value)[:20]}; it must be a number of at least 0")
-    return value
-
-
 class Replay(Audience):
     """One or two recordings, on pages that each play for themselves."""
 
@@ -70,8 +57,10 @@ class Replay(Audience):
     documents: ClassVar[Mapping[View, str]] = {"watch": "replay.html"}
     farewell = "the replay has ended"
     further: ClassVar[Mapping[str, Reader]] = {
-        "block": lambda content: AskBlock(_number(content, "tape", int), _number(content, "number", int)),
-        "figures": lambda content: AskFigures(_number(content, "t_s", (int, float))),
+        "block": lambda content: AskBlock(
+            *(number(name, content.get(name), 0, LARGEST, whole=True) for name in ("tape", "number"))
+        ),
+        "figures": lambda content: float(number("t_s", content.get("t_s"), 0, LARGEST)),
     }
 
     def __init__(
@@ -98,13 +87,13 @@ class Replay(Audience):
             if message.tape >= len(self._tapes):
                 raise MistakeError(f"there is no recording {message.tape}")
             client.post_replaceable(block(self._tapes[message.tape], message))
-        elif isinstance(message, AskFigures):
-            at_us = round(1e6 * message.t_s)
+        elif isinstance(message, float):  # a page asks for the figures at a time [s]
+            at_us = round(1e6 * message)
             figures = [
                 None if at_us < begin_us else tape.figures(int(tape.t_us[0]) + at_us - begin_us)
                 for tape, begin_us in zip(self._tapes, self._begins_us, strict=True)
             ]
-            client.post(messages.text("figures", t_s=message.t_s, tapes=figures))
+            client.post(messages.text("figures", t_s=message, tapes=figures))
         else:
             raise MistakeError("a replay has no settings and no hand")
 

@@ -116,10 +116,9 @@ class Tape:
 
     def summary(self) -> dict[str, Any]:
         """Return what the whole recording comes to: packets a second, and the share of the time above one JND."""
-        total = {name: int(sums[-1]) for name, sums in self.sums.items()}
-        felt_s = total["raw_packets"] / self.rate_hz
+        felt_s = int(self.sums["raw_packets"][-1]) / self.rate_hz
         whole_s = max(self._seconds(len(self.t_us) - 1), 1 / self.rate_hz)
-        rate = total["packets"] / felt_s if felt_s else len(self.back) / whole_s
+        rate = int(self.sums["packets"][-1]) / felt_s if felt_s else len(self.back) / whole_s
         return {
             "codecs": list(dict.fromkeys(span.codec for span in self.spans)),
             "is_felt": felt_s > 0,

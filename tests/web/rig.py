@@ -158,10 +158,7 @@ async def until(condition: Callable[[], bool]) -> None:
 
 @asynccontextmanager
 async def rig(
-    *,
-    scene: str | SceneSettings = "paper:1",
-    operator: Operator | None = None,
-    with_slave: bool = True,
+    *, scene: str | SceneSettings = "paper:1", operator: Operator | None = None, with_slave: bool = True
 ) -> AsyncIterator[Rig]:
     """Run slave, master and page; without an `operator`, the page is the hand."""
     found = find_scene(scene) if isinstance(scene, str) else scene
@@ -173,13 +170,7 @@ async def rig(
         return Scene(found.tissues, name=found.name)
 
     stop, said = asyncio.Event(), []
-    slave = SlaveNode(
-        lambda _: make_scene(),
-        SlaveSettings(),
-        SystemEntropy(),
-        doors={OPEN: Door()},
-        host_of=host_of,
-    )
+    slave = SlaveNode(lambda _: make_scene(), SlaveSettings(), SystemEntropy(), doors={OPEN: Door()}, host_of=host_of)
     slave_sock = listen(HostPort("127.0.0.1", 0))
     sock, address = open_toward(bound_address(slave_sock))
     hand = LiveHand(LiveHandSettings(axes=axes)) if operator is None else None

@@ -53,6 +53,7 @@ def test_a_drag_takes_the_hand_and_moves_the_needle_as_far_as_the_pointer(operat
     operator.page.mouse.up()
     heard = len(operator.hands)
     operator.until(lambda: len(operator.hands) > heard + 3)  # a hand that rests is not silent
+    assert operator.page.locator("#plot, #settings, .tile, #sound").count() == 0, "no force and no setting is shown"
     assert operator.hands[-1].position_m[0] == operator.hands[heard].position_m[0]
 
 
@@ -159,10 +160,6 @@ def test_a_breach_is_told_to_screen_readers(watch: Stage):
     watch.until(lambda: watch.text("#announcer") == "skin breached")
     needle = watch.page.get_by_role("slider", name="Needle")
     watch.until(lambda: (needle.get_attribute("aria-valuetext") or "").startswith("31 millimetres deep, skin breached"))
-
-
-def test_the_operator_view_shows_no_force_and_no_setting(operator: Stage):
-    assert operator.page.locator("#plot, #settings, .tile, #sound").count() == 0
 
 
 def test_forces_and_traffic_are_shown_in_numbers(watch: Stage):
