@@ -63,24 +63,25 @@ def insertion(tmp_path, *, seconds=8.0, codec="deadband", every=7, events=None, 
 
 
 def test_figures_at_any_time_are_those_of_the_rows_before_it_however_one_came_there(tmp_path):
-    tape, true, held = insertion(tmp_path)
+    tape, true, held = insertion(tmp_path, every=40)
     times_us = [BEGIN_US, BEGIN_US + 400_000, BEGIN_US + 3_217_500, BEGIN_US + 7_999_000]
     forward = [tape.figures(each) for each in times_us]
     assert forward == [tape.figures(each) for each in reversed(times_us)][::-1]
     for t_us, figures in zip(times_us, forward, strict=True):
         rows, felt_rows = (t_us - BEGIN_US) // 1000 + 1, np.flatnonzero(held[: (t_us - BEGIN_US) // 1000 + 1])
-        packets = [k for k in range(0, rows, 7) if BEGIN_US + 1000 * k > t_us - 1_000_000]
+        packets = [k for k in range(0, rows, 40) if BEGIN_US + 1000 * k > t_us - 1_000_000]
         seconds = min(1.0, max(0.2, (t_us - BEGIN_US) / 1e6))
         traffic, felt = figures["traffic"], figures["felt"]
         assert traffic["packets_per_s"] == pytest.approx(len(packets) / seconds, abs=0.1)
         assert traffic["bytes_per_s"] == pytest.approx(len(packets) * (21 + UDP_IPV4_HEADER_BYTES) / seconds, abs=0.1)
         assert traffic["raw_packets"] == len(felt_rows)
-        assert traffic["packets"] == np.count_nonzero(felt_rows % 7 == 0)
+        assert traffic["packets"] == np.count_nonzero(felt_rows % 40 == 0)
         shown = slice(max(0, rows - 5000), rows)
         expected = error_report(WeberLaw(**LAW), true[shown, None], held[shown, None])
         assert felt["rmse_n"] == pytest.approx(expected.rmse_n, rel=1e-5)
         assert felt["exceed_jnd_fraction"] == pytest.approx(expected.exceed_jnd_fraction, abs=2e-4)
         expected = error_report(WeberLaw(**LAW), true[:rows, None], held[:rows, None])
+        assert (felt["so_far"] > 0.1) == (rows > 3000), "there is something to tell apart"
         assert felt["so_far"] == pytest.approx(expected.exceed_jnd_fraction, abs=1e-12)
 
 
