@@ -21,8 +21,8 @@ def gallery(page: options.Page = None, quiet: options.Quiet = False) -> None:
     sock, access = listen_for(page, ("watch",), console)
     from hapticnet.web.gallery import Gallery
 
-    say_addresses({"gallery: ": "watch"}, access, console)
-    console.say("open this address in a browser; press Ctrl-C to end")
+    say_addresses({"watch it here: ": "watch"}, access, console)
+    console.say("press Ctrl-C to end")
     run(until_signal(Gallery(access, sock, Shown, console.warn)))
     console.say("ended")
 

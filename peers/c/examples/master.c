@@ -33,8 +33,7 @@ int main(int argc, char **argv)
     if (inet_pton(AF_INET, argc > 1 ? argv[1] : "127.0.0.1", &slave.sin_addr) != 1 ||
         connect(link, (struct sockaddr *)&slave, sizeof slave) != 0 ||
         hn_master_init(&master, &request, random32, NULL) != NULL)
-        return 2;
-
+        return fputs("usage: master [IPv4-ADDRESS [PORT [SECONDS]]]\n", stderr), 2;
     double force_n[1], seconds = argc > 3 ? atof(argv[3]) : 5.0;
     uint8_t data[HN_DATAGRAM_BYTES + 1]; /* a byte more, so that a longer datagram is seen to be one */
     int64_t start_us = now_us(), due_us = start_us;
@@ -45,7 +44,8 @@ int main(int argc, char **argv)
         hn_master_tick(&master, &x_m, now_us());
         hn_master_force(&master, force_n, now_us());
         if (tick % 100 == 0)
-            printf("%6.2f mm  %6.2f N\n", x_m * 1e3, force_n[0]);
+            printf("%6.2f mm  %6.2f N%s\n", x_m * 1e3, force_n[0],
+                   hn_master_state(&master) == HN_ESTABLISHED ? "" : "  no session with the slave");
         do {
             for (size_t size; (size = hn_master_send(&master, data)) > 0;)
                 send(link, data, size, MSG_DONTWAIT);

@@ -34,7 +34,8 @@ try {
         master.tick({x_m}, hapticnet::now());
         const double force_n = master.force(hapticnet::now())[0]; // what a device would apply
         if (tick % 100 == 0)
-            std::printf("%6.2f mm  %6.2f N\n", x_m * 1e3, force_n);
+            std::printf("%6.2f mm  %6.2f N%s\n", x_m * 1e3, force_n,
+                        master.state() == hapticnet::State::established ? "" : "  no session with the slave");
         if (tick == static_cast<int>(seconds * 1e3))
             master.close("done", hapticnet::now());
         while (auto datagram = master.send())

@@ -6,11 +6,12 @@ import { Master, now, overSocket, run } from "hapticnet";
 const [address = "127.0.0.1", port = "47800", seconds = "5"] = process.argv.slice(2);
 const socket = createSocket("udp4");
 const startUs = now();
+const master = new Master({ codec: "deadband", name: "Node" });
 let positionM = 0;
-
-const shown = setInterval(() => console.log(`${(1000 * positionM).toFixed(2)} mm  ${forceN.toFixed(2)} N`), 100);
 let forceN = 0;
-const ended = await run(new Master({ codec: "deadband", name: "Node" }), {
+const show = () => console.log(`${(1000 * positionM).toFixed(2)} mm  ${forceN.toFixed(2)} N  ${master.state}`);
+const shown = setInterval(show, 100);
+const ended = await run(master, {
   transport: overSocket(socket, Number(port), address),
   hand: (nowUs) => [(positionM = 0.015 * (1 - Math.cos((2 * Math.PI * (nowUs - startUs)) / 1e6 / seconds)))],
   feel: ([force]) => (forceN = force),

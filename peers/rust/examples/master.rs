@@ -36,7 +36,7 @@ fn run() -> Result<(), Box<dyn Error>> {
         master.tick(Some(&[x_m]), now_us());
         let force_n = master.force(now_us())[0]; // what a device would apply
         if tick % 100 == 0 {
-            println!("{:6.2} mm {:6.2} N", x_m * 1e3, force_n);
+            println!("{:6.2} mm {:6.2} N  {:?}", x_m * 1e3, force_n, master.state());
         }
         if tick == (seconds * 1e3) as u64 {
             master.close("done", now_us());
