@@ -54,7 +54,8 @@ void hn_master_receive(hn_master *m, const void *datagram, size_t size, int64_t 
 void hn_master_close(hn_master *m, const char *reason, int64_t now_us); /* then go on until the state is CLOSED */
 
 /* Few positions, announced contact and codecs that follow the hand need `hn_more_bytes` of memory, aligned as a double.
- * Before `hn_master_init`, set the request's `more` to what `hn_more_init` makes of it. It belongs to one master. */
+ * Before `hn_master_init`, set the request's `more` to what `hn_more_init` makes of it: NULL if the memory is NULL or not
+ * aligned, or none is needed. It belongs to one master, and to this request: one that is changed later is refused. */
 size_t hn_more_bytes(const hn_request *request);
 struct hn_more *hn_more_init(void *memory, const hn_request *request);
 

@@ -3,6 +3,7 @@
 #if !defined(_DEFAULT_SOURCE)
 #define _DEFAULT_SOURCE
 #endif
+#include <fcntl.h>
 #include <sys/stat.h>
 #include <unistd.h>
 #define HN_HAS_STAT 1
@@ -18,7 +19,7 @@
 #include "crypto.h"
 #include "hapticnet_keys.h"
 
-enum { PATH_BYTES = 400, LINE_BYTES = 1000 };
+enum { PATH_BYTES = 400, LINE_BYTES = 1000, MOST_LINES = 20000 };
 
 static const char DIGITS[] = "ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+/";
 
@@ -86,12 +87,12 @@ static const char *find(char path[PATH_BYTES], const char *given, const char *fi
 }
 
 /* Check that only its owner and root can change a file and, if it holds a secret, that only its owner can read it. */
-static const char *check_access(const char *path, bool secret, char *wrong)
+static const char *check_access(FILE *opened, const char *path, bool secret, char *wrong)
 {
 #ifdef HN_HAS_STAT
     struct stat file;
     char folder[PATH_BYTES + 2];
-    if (stat(path, &file) != 0)
+    if (fstat(fileno(opened), &file) != 0) /* of the file that is read; the path may lead to another by now */
         return say(wrong, "%s: %s", path, strerror(errno));
     if (file.st_uid != 0 && file.st_uid != geteuid())
         return say(wrong, "%s belongs to another account (number %lu), which can change it; run: sudo chown $USER %s",
@@ -109,9 +110,28 @@ static const char *check_access(const char *path, bool secret, char *wrong)
         return say(wrong, "%s can be replaced by all accounts, because they can change its folder; run: chmod o-w %s",
                    path, folder);
 #else
-    (void)path, (void)secret, (void)wrong;
+    (void)opened, (void)path, (void)secret, (void)wrong;
 #endif
     return NULL;
+}
+
+/* Open a file: not a pipe or a device, which may have no end. */
+static FILE *open_file(const char *path, bool *is_special)
+{
+    *is_special = false;
+#ifdef HN_HAS_STAT
+    struct stat file;
+    int descriptor = open(path, O_RDONLY | O_NONBLOCK | O_CLOEXEC); /* to open a pipe must not wait for a writer */
+    if (descriptor < 0)
+        return NULL;
+    *is_special = fstat(descriptor, &file) != 0 || !S_ISREG(file.st_mode);
+    FILE *opened = *is_special ? NULL : fdopen(descriptor, "r");
+    if (opened == NULL)
+        close(descriptor);
+    return opened;
+#else
+    return fopen(path, "r");
+#endif
 }
 
 static char *skip_space(char *at)
@@ -223,6 +243,15 @@ static const char *read_lines(reader *r, FILE *file, bool *secret)
     char line[LINE_BYTES], *name, *text;
     const char *bad = NULL;
     for (unsigned number = 1; bad == NULL && fgets(line, sizeof line, file) != NULL; number++) {
+        size_t size = strlen(line);
+        if ((size == 0 || line[size - 1] != '\n') && !feof(file)) { /* its rest would be read as a line */
+            bad = say(r->wrong, "%s, line %u has a zero byte, or more than %u bytes", r->path, number, LINE_BYTES - 2u);
+            break;
+        }
+        if (number > MOST_LINES) {
+            bad = say(r->wrong, "%s has more than %u lines", r->path, (unsigned)MOST_LINES);
+            break;
+        }
         line[strcspn(line, "\r\n")] = 0;
         char *at = skip_space(line);
         if (is_end(at))
@@ -242,15 +271,22 @@ static const char *read_lines(reader *r, FILE *file, bool *secret)
 
 static const char *read_file(reader *r, bool secret)
 {
-    FILE *file = fopen(r->path, "r");
+    bool is_special;
+    FILE *file = open_file(r->path, &is_special);
+    if (is_special)
+        return say(r->wrong, "%s is not a regular file", r->path);
     if (file == NULL)
         return say(r->wrong, errno == ENOENT ? "%s does not exist; 'hapticnet key new' makes a key" : "%s: %s", r->path,
                    strerror(errno));
     const char *bad = read_lines(r, file, &secret);
-    fclose(file);
+    if (bad == NULL && ferror(file))
+        bad = say(r->wrong, "%s cannot be read", r->path);
     if (bad == NULL && r->listed != NULL)
         bad = end_master(r);
-    return bad != NULL ? bad : check_access(r->path, secret, r->wrong);
+    if (bad == NULL)
+        bad = check_access(file, r->path, secret, r->wrong);
+    fclose(file);
+    return bad;
 }
 
 const char *hn_load_key(const char *path, hn_key private_key, hn_key psk, char wrong[HN_WRONG_BYTES])
@@ -263,6 +299,10 @@ const char *hn_load_key(const char *path, hn_key private_key, hn_key psk, char w
         bad = read_file(&r, true);
     if (bad == NULL && !r.has_private)
         bad = say(wrong, "%s has no line: private = \"<key>\"", found);
+    if (bad != NULL) { /* a program that goes on must not use a key that was refused */
+        memset(private_key, 0, sizeof(hn_key));
+        memset(psk, 0, sizeof(hn_key));
+    }
     return bad;
 }
 

@@ -80,10 +80,16 @@ void hn_tick_asking(hn_master *m, int64_t now_us)
     m->tried_us = now_us;
 }
 
+/* Return whether a request has the memory that it needs: of none other, whose parts may be fewer or shorter. */
 static bool request_has_memory(const hn_request *request)
 {
     bool follows = hn_needs_position(hn_codec_named(hn_text(request->codec)));
-    return request->more != NULL || !(follows || request->announced || request->position_share != 0.0);
+    bool sparse = request->position_share != 0.0;
+    const struct hn_more *more = request->more;
+    if (more == NULL)
+        return !(follows || request->announced || sparse);
+    return more->axes == request->axes && more->rate_hz == request->rate_hz && more->follows == follows &&
+           more->announced == request->announced && more->sparse == sparse;
 }
 
 /* Take the settings of a request; return NULL or what is wrong with it. */
@@ -110,7 +116,7 @@ const char *hn_take_settings(const hn_request *request, hn_settings *s)
         !(HN_LEAST_SHARE <= request->position_share && request->position_share <= HN_MOST_SHARE))
         return "the share of positions must be 0, or 0.01 to 0.9";
     if (!request_has_memory(request))
-        return "few positions, announced contact and codecs that follow the hand need memory from hn_more_init";
+        return "few positions, announced contact and codecs that follow the hand need memory from hn_more_init of this request";
     if (!hn_law_is_allowed(s))
         return "the just-noticeable difference is out of range";
     if (request->name == NULL || !hn_is_text(hn_text(request->name), HN_NAME_BYTES))

@@ -271,10 +271,17 @@ struct hn_more *hn_more_init(void *memory, const hn_request *request)
 {
     needs n = needs_of(request);
     uint8_t *at = memory;
+    /* A request that needs none, or has a rate or axes out of range, may come with memory of no bytes. */
+    if (memory == NULL || hn_more_bytes(request) == 0 || (uintptr_t)memory % sizeof(double) != 0)
+        return NULL;
     struct hn_more *more = take(&at, sizeof *more);
     memset(more, 0, sizeof *more);
     more->ops = &OPS;
-    more->bytes = hn_more_bytes(request);
+    more->axes = request->axes;
+    more->rate_hz = request->rate_hz;
+    more->follows = n.past;
+    more->announced = n.announced;
+    more->sparse = n.sender;
     if (n.sender)
         more->sender = take(&at, sizeof *more->sender);
     for (hn_side *side = more->sides; side < more->sides + 2; side++) {

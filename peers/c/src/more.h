@@ -47,7 +47,9 @@ typedef struct {
 
 struct hn_more {
     const hn_more_ops *ops;
-    size_t bytes;
+    unsigned axes; /* of the request that it was made for, and what that asked */
+    double rate_hz;
+    bool follows, announced, sparse;
     hn_allowance allowance;
     bool has_position; /* of the newest tick in which the force was applied */
     hn_vector position_m;

@@ -42,6 +42,11 @@ def test_damaged_datagrams_do_no_harm_under_sanitizers(tmp_path):
     assert int(said.split()[0]) > 50_000
 
 
+def test_memory_that_does_not_fit_a_request_is_refused(tmp_path):
+    make(tmp_path, f"{tmp_path}/memory")
+    subprocess.run([tmp_path / "memory"], check=True)
+
+
 def test_a_cortex_m_applies_the_same_forces_in_little_space(tmp_path):
     needs("arm-none-eabi-gcc", "qemu-system-arm")
     here = SAID.search(subprocess.check_output([peer.build(f"{tmp_path}/both", tmp_path) / "both"], text=True))

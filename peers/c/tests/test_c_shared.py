@@ -2,6 +2,7 @@
 
 import base64
 import ctypes
+import os
 import re
 import subprocess
 from pathlib import Path
@@ -128,6 +129,31 @@ def test_a_key_is_written_as_hapticnet_writes_it_and_has_one_spelling(shared):
     public = ctypes.create_string_buffer(32)
     assert shared.hn_derive_public(public, MASTER.private)
     assert public.raw == MASTER.public
+
+
+def test_a_pipe_a_device_and_an_endless_line_are_refused_at_once(shared, tmp_path):
+    pipe, link = tmp_path / "pipe", tmp_path / "link"
+    os.mkfifo(pipe)
+    link.symlink_to("/dev/zero")
+    for path in (pipe, link, "/dev/zero", tmp_path):
+        assert read_key(shared, path) == f"{path} is not a regular file"
+    zeros = written(tmp_path / "zeros", "\0" * 100_000)
+    assert "line 1 has a zero byte" in read_key(shared, zeros)
+    many = written(tmp_path / "many", "\n" * 100_000)
+    assert "more than 20000 lines" in read_masters(shared, many)
+
+
+def test_the_rest_of_a_long_comment_is_no_line(shared, tmp_path):
+    key = f'private = "{format_key(MASTER.private)}"'
+    for comment in ("#" * 998 + key, "#" * 999 + key, "#" * 5000 + key):
+        assert "more than 998 bytes" in read_key(shared, written(tmp_path / "long.toml", f"{comment}\n"))
+
+
+def test_a_key_that_is_refused_is_not_given(shared, tmp_path):
+    path = written(tmp_path / "open.toml", f'private = "{format_key(MASTER.private)}"\n', 0o644)
+    private, psk, text = (ctypes.create_string_buffer(b"\xff" * size, size) for size in (32, 32, 600))
+    assert b"chmod 600" in shared.hn_read_key(str(path).encode(), private, psk, text)
+    assert (private.raw, psk.raw) == (bytes(32), bytes(32))
 
 
 def test_a_key_file_of_hapticnet_is_read(shared, tmp_path):
