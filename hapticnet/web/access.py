@@ -29,7 +29,7 @@ class Access:
 
     def opens(self, view: View, token: str) -> bool:
         """Return whether a token opens a view."""
-        return secrets.compare_digest(token.encode(), self.tokens[view].encode())
+        return secrets.compare_digest(token.encode(errors="surrogateescape"), self.tokens[view].encode())
 
     def is_ours(self, host: str) -> bool:
         """Return whether a Host header names this server at any port, and not a foreign name (DNS rebinding)."""

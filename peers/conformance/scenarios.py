@@ -168,6 +168,7 @@ def _scenarios() -> dict[str, Scenario]:
         )
     first = {"session": SessionSettings(first_sequence=2**32 - 60)}
     return sessions | {
+        "silence at 100 Hz": Scenario(play=outage(1.3), network="slow", rate_hz=100.0),  # a COOKIE with an answer
         "restart of the slave": Scenario(play=restart, network="slow", least_n=3.0),
         "close of the slave": Scenario(play=closed_by_the_slave, network="disorder", least_n=3.0),
         "failure of the slave": Scenario(play=failure_of_the_slave, network="slow"),

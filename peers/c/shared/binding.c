@@ -216,6 +216,8 @@ unsigned hn_most_axes(void)
 const char *hn_seal_master(hn_master *m, const uint8_t own_private[32], const uint8_t slave_public[32],
                            const uint8_t *psk)
 {
+    if (m->sealing != NULL || m->tried) /* the stream that it has would get keys of zeros */
+        return "a master is sealed once, before its first tick";
     bool good = hn_master_seal(m, &((held_master *)m)->keys, own_private, slave_public, psk);
     return good ? NULL : "the slave's public key is not one, or libcrypto lacks X25519, as in FIPS mode";
 }

@@ -24,9 +24,10 @@ void hn_ask(hn_master *m)
     m->hello_interval_us = HN_HELLO_INTERVAL_US;
 }
 
+/* A HELLO that is due is still sent: its sender may have received several datagrams before it sends. */
 void hn_stop_asking(hn_master *m)
 {
-    m->asking = m->attempted = m->hello_due = false;
+    m->asking = m->attempted = false;
 }
 
 static hn_bytes pack_request(const hn_master *m, uint8_t *packed, size_t size)
@@ -146,6 +147,7 @@ enum { AHEAD_US = 3 * HN_LONGEST_SILENCE_US / 2 }; /* how long after a position 
 void hn_end(hn_master *m)
 {
     hn_stop_asking(m);
+    m->hello_due = false;
     m->state = HN_CLOSED;
     hn_hold_release(&m->hold);
 }
@@ -188,6 +190,7 @@ static void begin(hn_master *m, const hn_grant *grant, uint32_t sequence, int64_
         m->felt->answers = m->felt->answers && m->felt->newest_force.is_set;
 
     hn_stop_asking(m);
+    m->hello_due = false;
     m->refused_wait_us = HN_REFUSED_RETRY_US;
     m->state = HN_ESTABLISHED;
     m->had_session = true;

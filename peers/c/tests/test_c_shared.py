@@ -116,6 +116,20 @@ def test_the_scene_of_a_slave_must_have_a_name_that_its_master_takes(shared):
     shared.hn_free_slave(ctypes.c_void_p(made))
 
 
+def test_a_master_is_sealed_once_before_its_first_tick(shared):
+    wrong, entropy = ctypes.c_char_p(), peer.Entropy(lambda _: 7)
+    for begins in (False, True):
+        made = ctypes.c_void_p(
+            shared.hn_make_master(b"raw", b"a", None, None, ctypes.c_size_t(0), entropy, None, ctypes.byref(wrong))
+        )
+        if begins:
+            shared.hn_master_tick(made, None, ctypes.c_int64(0))
+        else:
+            assert shared.hn_seal_master(made, MASTER.private, SLAVE.public, None) is None
+        assert b"once, before" in shared.hn_seal_master(made, MASTER.private, SLAVE.public, None)
+        shared.hn_free_master(made)
+
+
 def test_a_key_is_written_as_hapticnet_writes_it_and_has_one_spelling(shared):
     for key in (MASTER.private, PSK, bytes(32), bytes(range(32)), b"\xff" * 32):
         text, back = ctypes.create_string_buffer(45), ctypes.create_string_buffer(32)

@@ -94,7 +94,7 @@ export class Master {
     const { positionShare = 0, announced = false, predicted = false } = options;
     const named = Object.entries(parameters);
     if (named.length > 5) throw new RangeError(`parameters has ${named.length} entries; a codec has at most 5`);
-    if (!Number.isInteger(axes) || axes < 1) throw new RangeError(`axes is ${axes}; it must be 1 to ${MOST_AXES}`);
+    if (!Number.isInteger(axes) || axes < 1 || axes > MOST_AXES) throw new RangeError(`axes is ${axes}; it must be 1 to ${MOST_AXES}`);
     this.axes = axes;
     this.rateHz = rateHz;
     this.#core = new Core(options.random32);
