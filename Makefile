@@ -64,10 +64,12 @@ wheel: $(VENV)/installed-dev
 	HATCH_BUILD_HOOKS_ENABLE=1 $(BIN)/pip wheel -q --no-deps --no-build-isolation -w dist .
 	@ls dist/*.whl
 
-# The page of hapticnet gateway, which a wheel then has too; it needs the tools of peers/js.
+# The page of hapticnet gateway, which its wheel then has too; it needs the tools of peers/js.
+TAB := extras/gateway/hapticnet_gateway/static
+
 tab:
 	$(MAKE) -C peers/js
-	mkdir -p hapticnet/web/static/tab && cp peers/js/dist/page/* peers/js/dist/*.js peers/js/THIRD-PARTY.md hapticnet/web/static/tab
+	mkdir -p $(TAB) && cp peers/js/dist/page/* peers/js/dist/*.js peers/js/THIRD-PARTY.md $(TAB)
 
 check: site
 	$(BIN)/ruff check
@@ -75,6 +77,7 @@ check: site
 	$(BIN)/mypy
 	$(BIN)/lint-imports
 	cd extras/experiment && $(CURDIR)/$(BIN)/lint-imports
+	cd extras/gateway && $(CURDIR)/$(BIN)/lint-imports
 
 # The pages as a site, in build/site. Links that lead nowhere are errors.
 site: $(VENV)/installed-dev
@@ -161,8 +164,8 @@ lock: $(BIN)/python
 simulator: system-packages
 	$(MAKE) -C firmware firmware sim
 
-$(VENV)/installed-%: pyproject.toml examples/literature/pyproject.toml extras/experiment/pyproject.toml $(BIN)/python
-	$(BIN)/pip install -q --disable-pip-version-check -e '.[$*]' -e examples/literature -e extras/experiment $(if $(filter dev,$*),-e extras/mujoco -e extras/ros2)
+$(VENV)/installed-%: pyproject.toml examples/literature/pyproject.toml extras/experiment/pyproject.toml extras/gateway/pyproject.toml $(BIN)/python
+	$(BIN)/pip install -q --disable-pip-version-check -e '.[$*]' -e examples/literature -e extras/experiment $(if $(filter dev,$*),-e extras/gateway -e extras/mujoco -e extras/ros2)
 	$(if $(filter dev,$*),$(BIN)/pip install -q --disable-pip-version-check --no-deps --upgrade --target $(VENV)/share/citation cffconvert==2.0.0)
 	@touch $@
 

@@ -95,16 +95,6 @@ PlotFormat: TypeAlias = Literal["png", "pdf", "svg"]
 # Connection and keys.
 Connect: TypeAlias = Annotated[str, Option("Where the slave listens.", "HOST:PORT")]
 Listen: TypeAlias = Annotated[str, Option("Where to listen; port 0 means a free one.", "HOST:PORT")]
-Slave: TypeAlias = Annotated[str, Option("The slave that tabs reach; datagrams go to no other address.", "HOST:PORT")]
-Origins: TypeAlias = Annotated[
-    list[str] | None,
-    Option("Let a page served elsewhere connect too, such as https://touch.example; repeatable.", "ORIGIN"),
-]
-MostTabs: TypeAlias = Annotated[int, Option("Tabs at once.", least=1, most=1000)]
-Token: TypeAlias = Annotated[
-    Path | None,
-    Option("File of the secret that lets tabs connect; made if missing, by default in ~/.config/hapticnet.", "FILE"),
-]
 ConnectTimeout: TypeAlias = Annotated[
     float | None, Option("Give up when no slave answers for this long.", "SECONDS", least=0.0)
 ]

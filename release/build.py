@@ -28,6 +28,7 @@ if TYPE_CHECKING:
 PACKAGES: Final = (
     "examples/literature",
     "extras/experiment",
+    "extras/gateway",
     "extras/lerobot",
     "extras/mujoco",
     "extras/ros2",
@@ -113,12 +114,12 @@ def build_c(source: Source, out: Path) -> None:
 
 
 def build_npm(source: Source, out: Path) -> None:
-    """Build and pack the npm package, and put its page into the Python package, whose gateway serves it."""
+    """Build and pack the npm package, and put its page into the package of the gateway, which serves it."""
     folder = source.folder / "peers" / "js"
     subprocess.run(["make", "-s", "-C", folder, "pack"], check=True, env=source.environment())
     (packed,) = folder.glob("build/hapticnet-*.tgz")
     shutil.copyfile(packed, out / packed.name)
-    page = source.folder / "hapticnet" / "web" / "static" / "tab"
+    page = source.folder / "extras" / "gateway" / "hapticnet_gateway" / "static"
     page.mkdir()
     # With the licences of what the bundle contains of others.
     for each in (*folder.glob("dist/page/*"), *folder.glob("dist/*.js"), folder / "THIRD-PARTY.md"):

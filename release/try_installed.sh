@@ -16,6 +16,7 @@ done
 
 hapticnet --version
 hapticnet experiment --help >/dev/null
+hapticnet gateway --help >/dev/null
 hapticnet slave --scene paper:1 --listen 127.0.0.1:47800 --most-sessions 1 --report slave.json -q &
 hapticnet master --connect 127.0.0.1:47800 --codec least-squares --insertions 1 --report master.json -q
 kill -TERM $!

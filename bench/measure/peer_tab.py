@@ -27,10 +27,10 @@ from peer_link import FAR_HOST, Link, cpu_us, link, sent
 from peer_run import ENDS, REPOSITORY, End, Runner, StackError
 from stacks import PORT
 
-from hapticnet.cli.gateway import read_token
 from hapticnet.errors import UnavailableError
 from hapticnet.operator.scripted import InsertionSettings, ScriptedOperator
 from hapticnet.protocol.keys import format_key
+from hapticnet_gateway.cli import read_token
 from peers import write_keys
 
 RATE_HZ: Final = 250

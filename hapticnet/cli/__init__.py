@@ -21,7 +21,7 @@ from hapticnet.cli import (
     sweep,
 )
 from hapticnet.cli.console import complain
-from hapticnet.cli.given import GatewayOptions, MasterOptions, SlaveOptions
+from hapticnet.cli.given import MasterOptions, SlaveOptions
 from hapticnet.cli.plugins import Verbs
 from hapticnet.cli.verbs import SOURCE, equip
 from hapticnet.errors import FileError, HapticnetError, SettingsError, in_words
@@ -80,20 +80,6 @@ def master(given: MasterOptions) -> None:
     from hapticnet.cli.master import join
 
     join(given)
-
-
-@app.command(short_help="Let browsers reach a slave, as masters of their own.")
-def gateway(given: GatewayOptions) -> None:
-    """Carry datagrams between browser tabs and a slave, over WebRTC and UDP; needs the extra webrtc.
-
-    A tab is the master: hand, codec and keys are in it. The gateway cannot read sealed sessions. It prints the address
-    of a page that is such a master.
-
-    Ends on Ctrl-C, SIGTERM or after --duration, and then prints its report.
-    """
-    from hapticnet.cli.gateway import carry
-
-    carry(given)
 
 
 app.command(short_help="Compare every codec on recordings with the best possible.")(compare.compare)

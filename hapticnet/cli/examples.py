@@ -45,10 +45,6 @@ EXAMPLES: Final[dict[tuple[str, ...], tuple[str, ...]]] = {
         "hapticnet master --law study/participants/03.toml",
         "hapticnet master --config rig.toml --codec raw",
     ),
-    ("gateway",): (
-        "hapticnet gateway",
-        "hapticnet gateway --slave 192.0.2.7:47800 --listen 0.0.0.0:47890 --origin https://touch.example",
-    ),
     ("compare",): (
         "hapticnet compare",
         "hapticnet compare force.csv --force-column fx,fy,fz --position-column x,y,z --plot-dir figures",

@@ -1,4 +1,4 @@
-"""The options of ``hapticnet slave``, ``master`` and ``gateway``; their code is imported when they begin."""
+"""The options of ``hapticnet slave`` and ``hapticnet master``; their code is imported when they begin."""
 
 from dataclasses import dataclass
 
@@ -60,18 +60,3 @@ class MasterOptions(SharedMasterOptions, ProcessOptions):
     page: options.Page = None
     connect_timeout: options.ConnectTimeout = None
     record: options.Record = None
-
-
-@dataclass(kw_only=True)
-class GatewayOptions:
-    """The options of ``hapticnet gateway``."""
-
-    slave: options.Slave = "127.0.0.1:47800"
-    listen: options.Listen = "127.0.0.1:47890"
-    origin: options.Origins = None
-    token: options.Token = None
-    most_tabs: options.MostTabs = 8
-    duration: options.Duration = None
-    json: options.Json = False
-    report: options.Report = None
-    quiet: options.Quiet = False

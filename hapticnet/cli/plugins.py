@@ -4,6 +4,7 @@ A package is imported when its verb is called, and not for ``hapticnet --help``.
 `hapticnet.cli.verbs.equip` gives a package's application the features of hapticnet's own verbs.
 """
 
+from copy import copy
 from importlib.metadata import EntryPoint, entry_points
 from typing import Any, Final
 
@@ -13,7 +14,7 @@ from typer.core import TyperCommand, TyperGroup
 from hapticnet.errors import UnavailableError
 
 ENTRY_POINT_GROUP: Final = "hapticnet.verbs"
-OUR_PACKAGES: Final = {"experiment": "extras/experiment"}
+OUR_PACKAGES: Final = {"experiment": "extras/experiment", "gateway": "extras/gateway"}
 """Verbs that are in packages of their own in this repository, and their folders."""
 
 
@@ -61,7 +62,14 @@ def _load(point: EntryPoint) -> Any:
 
     holder = typer.Typer(add_completion=False, rich_markup_mode=None)
     try:
-        holder.add_typer(point.load(), name=point.name)
+        app = point.load()
+        if len(app.registered_commands) == 1 and not app.registered_groups:  # it is the verb, as typer itself has it
+            verb = copy(app.registered_commands[0])
+            verb.name = point.name
+            holder.registered_commands.append(verb)
+            holder.callback()(lambda: None)  # without it, typer makes no group of one command
+        else:
+            holder.add_typer(app, name=point.name)
         return typer.main.get_group(holder).commands[point.name]
     except BaseException as error:
         package = point.value if point.dist is None else point.dist.name

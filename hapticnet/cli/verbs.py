@@ -19,7 +19,7 @@ from hapticnet.files import user_path
 from hapticnet.options import option_of
 from hapticnet.runtime.nonblocking_log import keep_log
 
-SERVICES: Final = ("master", "slave", "gateway")
+SERVICES: Final = ("master", "slave")
 """Verbs that run until they are stopped: they read a configuration, and their lines on stderr have time and level."""
 
 SOURCE: Final = "hapticnet.source"  # where a context keeps which file and table gave its defaults
@@ -145,10 +145,10 @@ def _with_home(value: Any) -> Any:
 
 GROUPS: Final[dict[str, tuple[str, ...]]] = {
     "Connection": (
-        "connect", "slave", "listen", "origin", "connect-timeout", "name", "scheduler", "most-sessions",
-        "most-sessions-per-key", "most-tabs", "keep", "drain", "fastest-rate",
+        "connect", "listen", "connect-timeout", "name", "scheduler", "most-sessions",
+        "most-sessions-per-key", "keep", "drain", "fastest-rate",
     ),
-    "Keys": ("key", "peer-key", "masters", "insecure", "token"),
+    "Keys": ("key", "peer-key", "masters", "insecure"),
     "Operator and device": (
         "operator", "insertions", "scale", "force-scale", "frame", "offset", "hand", "rate", "positions",
         "position-share", "device", "device-takes", "profile", "from", "to", "stiffness",

@@ -19,7 +19,7 @@ BLOCKS = [
 SHOWN = [line for block in BLOCKS for line in re.findall(r"^ *((?:\w+=\S+ )?hapticnet [a-z].*)", block, re.MULTILINE)]
 IN_TABLES = re.findall(r"`(hapticnet [^`]* --[^`]*)`", README)
 COMMANDS = dict.fromkeys([*(line for lines in EXAMPLES.values() for line in lines), *SHOWN, *IN_TABLES])
-OURS = [line for line in COMMANDS if "hapticnet experiment" not in line]  # a package's verb, tested there
+OURS = [line for line in COMMANDS if not re.search("hapticnet (experiment|gateway)", line)]  # verbs of packages
 
 GROUPS = {verb[:count] for verb in VERBS for count in range(len(verb))}
 

@@ -14,8 +14,8 @@ VERBS = dict(leaves(typer.main.get_command(app)))
 OPTIONS = [
     (verb, each) for verb, command in VERBS.items() for each in command.params if each.param_type_name == "option"
 ]
-OF_OTHERS = {"cases", "servers", "slave-python", "nthreads", "simulate"}
-"""Options of the benchmarks, of Dask and of extras/experiment that the documents name."""
+OF_OTHERS = {"cases", "most-tabs", "origin", "servers", "slave-python", "nthreads", "simulate"}
+"""Options of the benchmarks, of Dask and of extras/ that the documents name."""
 
 NAMES = sorted({option_key(each) for _, each in OPTIONS})
 

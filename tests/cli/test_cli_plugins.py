@@ -47,6 +47,12 @@ def install(tmp_path, monkeypatch):
     return make
 
 
+def test_an_application_of_one_command_is_the_verb(run, install):
+    install(WELL.partition("@app.command()\ndef dry")[0], "dig")
+    assert run("dig", "--depth", "2").stdout == "dug to 2 m\n"
+    assert "--depth" in run("dig", "--help").stdout
+
+
 def test_the_help_lists_a_verb_of_a_package_without_importing_it(run, install):
     install("raise SystemExit", "dig")
     listed = run("--help").stdout
@@ -87,7 +93,8 @@ def test_a_verb_of_hapticnet_has_precedence(run, install):
 
 def test_without_its_package_a_verb_of_ours_says_how_to_install_it(run, install):
     install("")
-    assert "experiment" not in run("--help").stdout
+    assert not {"experiment", "gateway"} & {*re.findall(r"^  (\w+)", run("--help").stdout, re.M)}
     for words in (("experiment",), ("experiment", "order", "--participant", "03"), ("experiment", "--help")):
         assert_only_line(run(*words), "pip install ./extras/experiment", code=4)
+    assert_only_line(run("gateway"), "pip install ./extras/gateway", code=4)
     assert_only_line(run("dig"), "No such command 'dig'", code=2)

@@ -16,7 +16,14 @@ from release.source import ROOT
 
 pytestmark = [pytest.mark.install, pytest.mark.timeout(600)]
 
-PACKAGES = ["hapticnet", "hapticnet-literature", "hapticnet-experiment", "hapticnet-mujoco", "hapticnet-ros2"]
+PACKAGES = [
+    "hapticnet",
+    "hapticnet-literature",
+    "hapticnet-experiment",
+    "hapticnet-gateway",
+    "hapticnet-mujoco",
+    "hapticnet-ros2",
+]
 
 
 def build(out, **environment):

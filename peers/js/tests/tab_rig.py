@@ -16,21 +16,21 @@ from pathlib import Path
 from typing import Any
 from urllib.parse import urlencode
 
-from hapticnet.cli.gateway import read_token
 from hapticnet.protocol.key_files import dump_master, write_key
 from hapticnet.protocol.keys import MasterEntry, PrivateKey, format_key, new_key
 from hapticnet.runtime.system import SystemEntropy
+from hapticnet_gateway.cli import read_token
 
 WITHIN_MS = 30_000
 SECRET = PrivateKey(bytes(range(32)))
 SERVE_BUILT = """
 import sys
 from pathlib import Path
-from hapticnet.web import gateway
+from hapticnet_gateway import gateway
 dist = Path(sys.argv.pop(1))
 page = [*dist.glob("page/*"), *dist.glob("*.js")]
 kinds = {".html": "text/html", ".js": "text/javascript", ".css": "text/css"}
-files = {f"tab/{each.name}": (each.read_bytes(), kinds[each.suffix]) for each in page}
+files = {each.name: (each.read_bytes(), kinds[each.suffix]) for each in page}
 gateway.static_files = lambda _: files
 from hapticnet.cli import main
 main()

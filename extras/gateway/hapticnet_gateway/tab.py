@@ -24,7 +24,7 @@ from hapticnet.protocol.buckets import TokenBucket
 from hapticnet.protocol.wire import MAX_DATAGRAM_BYTES
 from hapticnet.runtime.system import now_us
 from hapticnet.runtime.udp import HostPort, UdpPort, open_toward
-from hapticnet.web.offer import Offer
+from hapticnet_gateway.offer import Offer
 
 DATAGRAMS_PER_S: Final = 1500  # datagrams a second of a tab to the slave, which may grant 1000 positions
 BYTES_PER_S: Final = 256 * 1024  # of them

@@ -20,13 +20,12 @@ from hapticnet.runtime.system import now_us
 from hapticnet.runtime.udp import HostPort, host_of, open_toward
 from hapticnet.web.access import Access
 from hapticnet.web.messages import View
-from hapticnet.web.offer import LARGEST_OFFER, read_offer
 from hapticnet.web.server import HEADERS, Site, static_files
-from hapticnet.web.tab import Tab
+from hapticnet_gateway.offer import LARGEST_OFFER, read_offer
+from hapticnet_gateway.tab import Tab
 
 DEFAULT: Final = HostPort("127.0.0.1", 47890)
 PAGE: Final = "index.html"
-_FOLDER: Final = "tab/"  # of the page within the static files; 'make tab' puts it there
 MOST_TABS_PER_HOST: Final = 4  # a page that connects again may not have ended its old connection yet
 OFFERS_PER_MIN: Final = 120
 OFFERS_PER_MIN_PER_HOST: Final = 30
@@ -77,8 +76,7 @@ class Gateway(Site):
         self, slave: HostPort, access: Access, sock: socket.socket, origins: frozenset[str], most_tabs: int,
         say: Callable[[str], None], warn: Callable[[str], None],
     ) -> None:  # fmt: skip
-        static = static_files(("hapticnet.web",))
-        files = {name.removeprefix(_FOLDER): each for name, each in static.items() if name.startswith(_FOLDER)}
+        files = static_files(("hapticnet_gateway",))  # 'make tab' puts them there
         super().__init__(access, sock, files, headers=_HEADERS, most_bytes=LARGEST_OFFER)
         self.tabs: list[Tab] = []
         self.carried: Counter[str] = Counter()  # datagrams and bytes, by the direction

@@ -1,0 +1,1 @@
+"""A gateway: lets browser tabs be masters of a slave, and cannot read what they say to each other."""
