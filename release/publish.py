@@ -37,7 +37,7 @@ def main() -> None:
 
 
 def problems(root: Path, out: Path) -> list[str]:
-    """Return what forbids to publish `out` from a checkout."""
+    """Return reasons not to publish `out` from a checkout."""
     version = read_version(root)
     head = git("rev-parse", "HEAD", folder=root)
     found = []
@@ -58,7 +58,7 @@ def problems(root: Path, out: Path) -> list[str]:
 
 
 def altered(out: Path) -> list[str]:
-    """Return the files that SHA256SUMS does not have, or has with another digest or without the file."""
+    """Return the files that SHA256SUMS lacks, or lists with another digest, or lists although they are missing."""
     lines = (out / "SHA256SUMS").read_text(encoding="utf-8").splitlines()
     listed = {name: digest for digest, name in (line.split("  ") for line in lines)}
     there = {
@@ -68,7 +68,7 @@ def altered(out: Path) -> list[str]:
 
 
 def expected(version: str) -> list[str]:
-    """Return patterns of what a whole release has."""
+    """Return patterns of the files of a complete release."""
     return [
         f"hapticnet-{version}.tar.gz",
         f"hapticnet-{version}-py3-none-any.whl",

@@ -17,7 +17,7 @@ PERMITTED: Final = re.compile(
 
 
 class UnknownLicenceError(Exception):
-    """A component has no licence, or one that nobody has looked at."""
+    """A component has no licence, or one that is not known to be permitted."""
 
 
 def describe(source: Source, wheels: list[Path], folder: Path) -> dict[str, Any]:
@@ -77,7 +77,7 @@ def licence(part: dict[str, Any]) -> str:
 
 
 def audit(parts: list[dict[str, Any]]) -> None:
-    """Print the components by licence, and raise if one has none that is permitted."""
+    """Print the components by licence; raise UnknownLicenceError if one has no permitted licence."""
     by_licence = defaultdict(list)
     for part in parts:
         by_licence[licence(part)].append(part["name"])
@@ -90,7 +90,7 @@ def audit(parts: list[dict[str, Any]]) -> None:
 
 
 def _remove_paths(document: dict[str, Any]) -> None:
-    """Remove where files lay on the machine that built them."""
+    """Remove paths of the machine that built the files."""
     for part in [document["metadata"]["component"], *document["components"]]:
         part["externalReferences"] = [
             each for each in part.get("externalReferences", []) if not each["url"].startswith("file:")

@@ -1,4 +1,4 @@
-"""A commit as files, so that nothing that is not committed can get into a release, and archives with fixed bytes."""
+"""A commit as files, so that a release contains nothing uncommitted, and reproducible archives."""
 
 import gzip
 import io
@@ -63,7 +63,7 @@ def export(folder: Path, commit: str = "HEAD") -> Source:
 
 
 def write_tarball(path: Path, prefix: str, files: dict[str, Path], epoch_s: int) -> None:
-    """Write files, by their names below `prefix`, as a .tar.gz whose bytes depend on nothing else."""
+    """Write files, by their names below `prefix`, as a .tar.gz whose bytes depend only on these."""
     with (
         path.open("wb") as raw,
         gzip.GzipFile(filename="", mode="wb", fileobj=raw, mtime=epoch_s) as packed,

@@ -135,7 +135,7 @@ class Gallery(ViewSite):
             await asyncio.to_thread(running.end)
 
     def _keep(self) -> None:
-        """Let the demonstration run on."""
+        """Cancel the planned end of the demonstration."""
         if self._timer is not None:
             self._timer.cancel()
 

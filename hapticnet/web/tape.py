@@ -1,7 +1,7 @@
-"""A recording made ready to be shown at any time: what the live page shows, worked out once for the whole recording.
+"""A recording prepared to be shown at any time: what the live page shows, computed once for the whole recording.
 
-Counters are sums from the beginning, so the figures at a time are differences of two of them, however one came there.
-An hour at 1 kHz takes 0.6 GB, and 0.9 GB while it is read.
+Counters are sums from the beginning, so the figures at a time are differences of two of them, whatever was shown
+before. An hour at 1 kHz takes 0.6 GB, and 0.9 GB while it is read.
 """
 
 import re
@@ -115,7 +115,7 @@ class Tape:
         return figures
 
     def summary(self) -> dict[str, Any]:
-        """Return what the whole recording comes to: packets a second, and the share of the time above one JND."""
+        """Return a summary of the whole recording: packets a second, and the share of the time above one JND."""
         felt_s = int(self.sums["raw_packets"][-1]) / self.rate_hz
         whole_s = max(self._seconds(len(self.t_us) - 1), 1 / self.rate_hz)
         rate = int(self.sums["packets"][-1]) / felt_s if felt_s else len(self.back) / whole_s
@@ -143,7 +143,7 @@ class Tape:
         return 1e-6 * number * self.block_us, columns, frames
 
     def description(self, label: str) -> dict[str, Any]:
-        """Return what a page must know of it at first; times count from its first row."""
+        """Return the description that a page gets first; times count from its first row."""
         first_us = int(self.t_us[0])
         last_s = self._seconds(len(self.t_us) - 1)
         events = [  # the last ones, such as the end, come after the last row
@@ -350,7 +350,7 @@ def _bounded(values: FloatArray) -> FloatArray:
 
 
 def _without_gaps(position_m: FloatArray) -> FloatArray:
-    """Return positions with the last known one in place of those that are not."""
+    """Return positions with each unknown one replaced by the last known one."""
     for column in position_m.T:
         last = np.maximum.accumulate(np.where(np.isfinite(column), np.arange(len(column)), 0))
         column[:] = np.nan_to_num(column[last])

@@ -123,7 +123,7 @@ class Child:
         return self._process.poll() is None
 
     def tell(self, *fields: object) -> None:
-        """Give a command whose answer has no fields, at the latest before the next that has."""
+        """Send a command whose answer has no fields; it may wait until the next command whose answer has some."""
         self._later.append(" ".join(map(str, fields)))
 
     def ask(self, *fields: object) -> list[str]:

@@ -33,7 +33,7 @@ def seeds(to: str) -> list[bytes]:
     found = [bytes.fromhex(each["hex"]) for each in read("protocol")["datagrams"]]
     found += [bytes.fromhex(each["hex"]) for each in read("refused")["datagrams"] if each["outcome"] == "taken"]
     frames = [(data, *msgpack.unpackb(data)) for data in found]
-    # Not a notice of a shape: who has not asked for it need not read it.
+    # Not a notice with shapes: a peer that did not ask for them need not read it.
     return [data for data, _, kind, _, _, body in frames if kind in kinds and (kind != Kind.NOTICE or body[0] != 0x93)]
 
 

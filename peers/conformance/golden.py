@@ -1,4 +1,4 @@
-"""Scripts and talks from the golden vectors of tests/vectors: what they say is the answer, not hapticnet."""
+"""Scripts and conversations from the golden vectors of tests/vectors, which are the reference here, not hapticnet."""
 
 import json
 import re

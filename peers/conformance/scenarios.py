@@ -237,7 +237,7 @@ def against_delay(
 
 
 def _against_delay() -> dict[str, Scenario]:
-    """Return the sessions for a master of a peer that has something against delay."""
+    """Return the sessions for a master that can ask for few positions, announced contact or predicted hands."""
     sessions: dict[str, Scenario] = {}
     for i, network in enumerate(NETWORKS):
         for name, asked in (("few positions", FEW), ("announced", AHEAD)):

@@ -143,7 +143,7 @@ def near(answer: str, wanted: str, ulps: int) -> bool:
 
 
 def first_difference(child: Child, script: Sequence[Line], ulps: int = 0) -> str | None:
-    """Return the first answer of a peer that is not that of a script, and what led to it; None if all agree.
+    """Return the first answer of a peer that differs from the script, and the commands before it; None if all agree.
 
     Forces may differ by some units in the last place.
     """

@@ -106,7 +106,7 @@ def render(results: dict[str, Any]) -> str:
         row(
             "codecs that a slave grants", [f"{codecs}", *(str(len(f["slave_codecs"].split(","))) for _, _, f in peers)]
         ),
-        row("against delay", ["few positions, announced, predicted", *few]),
+        row("against delay, as a master", ["few positions, announced, predicted", *few]),
         row("components of a position, at most", ["24", *(f["axes"] for _, _, f in peers)]),
         row("golden vectors", ["reference", *(f"{n} of {most['vectors']:,}" for n in agreed("vectors"))]),
         row("ticks of sessions, equal to the bit", ["reference", *agreed("ticks")]),

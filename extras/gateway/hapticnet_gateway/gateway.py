@@ -50,7 +50,7 @@ In a checkout, 'make tab' builds it. Or use the page of the npm package, served 
 
 @dataclass(frozen=True, slots=True)
 class TabAccess(Access):
-    """The address of a gateway, with its token in the fragment, which browsers send to nobody."""
+    """The address of a gateway, with its token in the fragment, which browsers never send."""
 
     def url(self, view: View) -> str:
         """Return the address of the page."""
@@ -220,7 +220,7 @@ class Gateway(Site):
 
 
 def check_origin(text: str) -> str:
-    """Return an origin as browsers send it; raise SettingsError if it is none."""
+    """Return an origin as browsers send it; raise SettingsError if it is invalid."""
     scheme, separator, rest = text.partition("://")
     if scheme not in ("http", "https") or not separator or not rest or any(each in rest for each in "/?#@ *"):
         raise SettingsError(f"origin {text!r} must be as browsers send it, such as https://touch.example")

@@ -2,7 +2,7 @@
 
 An offer is a description of a WebRTC connection in SDP (RFC 8866, RFC 8841). Candidates in it are not read: a gateway
 that sent checks to them would send datagrams to any address that somebody writes there. The tab's address becomes known
-when its own checks arrive, which only somebody can send who has read the gateway's answer.
+when its own checks arrive; only a reader of the gateway's answer can send them.
 """
 
 import re

@@ -1,8 +1,8 @@
 """One tab at a gateway: a WebRTC connection on one side, a UDP socket to the slave on the other.
 
-aiortc does ICE, DTLS and SCTP. What is kept from it here: datagrams of strangers, more packets than a master needs, and
-messages that would take it long, or much memory. It does not look for the tab: it answers the tab's checks, at the
-address that the tab has reached by HTTP.
+aiortc does ICE, DTLS and SCTP. This module filters what reaches it: no datagrams of strangers, no more packets than a
+master needs, no messages that would take long or much memory. It never searches for the tab, but answers the tab's
+checks at the address that the tab has reached by HTTP.
 """
 
 import asyncio
@@ -27,7 +27,7 @@ from hapticnet.runtime.udp import HostPort, UdpPort, open_toward
 from hapticnet_gateway.offer import Offer
 
 DATAGRAMS_PER_S: Final = 1500  # datagrams a second of a tab to the slave, which may grant 1000 positions
-BYTES_PER_S: Final = 256 * 1024  # of them
+BYTES_PER_S: Final = 256 * 1024  # bytes a second of these datagrams
 PACKETS_PER_S: Final = 4000  # packets a second of a tab, with acknowledgements
 CHECKS_PER_S: Final = 50  # STUN packets a second; a browser sends 20 while it connects, and then one in 2.5 s
 DEPTH_S: Final = 0.25  # each of these may come at once for this long
@@ -57,7 +57,7 @@ class IcePort(StunProtocol):
         self._packets = TokenBucket(PACKETS_PER_S, PACKETS_PER_S * DEPTH_S)
 
     def datagram_received(self, data: bytes | str, addr: tuple[Any, ...]) -> None:
-        """Pass on what may be the tab's."""
+        """Pass on packets that may come from the tab."""
         known = [(each._network_host, each.port) for each in self._connection._remote_candidates]
         assert isinstance(data, bytes)  # noqa: S101 - for the type checker, as in aioice
         if data and data[0] in _DTLS:
@@ -109,9 +109,9 @@ class Tab:
         sctp = connection.sctp
         assert sctp is not None  # noqa: S101 - for the type checker: the offer has a data channel
         ice = sctp.transport.transport._connection
-        # What this module keeps from aiortc, it keeps by taking the place of these methods.
+        # Replacing these methods filters what reaches aiortc.
         vars(ice)["get_component_candidates"] = self._listen
-        vars(ice)["respond_error"] = lambda *_: None  # it would be larger than a forged question
+        vars(ice)["respond_error"] = lambda *_: None  # the error would be larger than a forged request
         vars(sctp)["_handle_data"] = self._guarded(sctp, sctp._handle_data)
         await connection.setLocalDescription(await connection.createAnswer())
         if not ice.local_candidates:

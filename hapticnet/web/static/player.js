@@ -26,7 +26,7 @@ export class Player {
     addEventListener("keydown", (event) => this._press(event));
   }
 
-  /** Begin with what the server says; again after a lost connection, where it was. */
+  /** Start as the server's hello says; after a lost connection, continue at the same time. */
   configure({ duration_s: durationS, speed, loop }) {
     const isFirst = this.durationS === 0;
     this.durationS = durationS;
@@ -37,7 +37,7 @@ export class Player {
     byId("speed").replaceChildren(...speeds.map((each) => new Option(`${each} ×`, each)));
     this.setSpeed(speed);
     this.setLoop(loop);
-    // Who prefers reduced motion starts it; anybody else sees it begin.
+    // With reduced motion preferred, it waits for a press of Play.
     if (!matchMedia("(prefers-reduced-motion: reduce)").matches) this.play();
     this._show();
   }

@@ -112,7 +112,7 @@ export class TapeView {
       return item;
     }));
     this._find(".notes").hidden = notes.length === 0;
-    if (this._about.kind === "foreign") this._find('[data-line="true"]').childNodes[1].data = "force"; // whose, nobody says
+    if (this._about.kind === "foreign") this._find('[data-line="true"]').childNodes[1].data = "force"; // the recording does not say whose
     const named = { ".stage": "scene", ".plot": "forces", ".legend": "lines of the plot", ".tiles": "traffic and felt error" };
     for (const [selector, what] of Object.entries(named)) this._find(selector).ariaLabel = `${this._name}, ${what}`;
     this._find(".chart").ariaLabel = `${this._name}: forces over the five seconds before the time shown`;

@@ -83,7 +83,7 @@ export function sceneWords(tipM, tissues, contacts, forceN) {
   return parts.join(", ");
 }
 
-/** A scene that is no tissue in words, for screen readers. */
+/** A scene without tissues in words, for screen readers. */
 export function spaceWords(tipM, forceN) {
   const place = tipM.map((each) => signed(each * 1000, 0)).join(", ");
   return `Tool at ${place} millimetres${Number.isFinite(forceN) ? `, ${forceN.toFixed(1)} newtons` : ""}`;
