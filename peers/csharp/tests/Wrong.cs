@@ -1,6 +1,23 @@
 // Says what is wrong with wrong uses, one line for each.
 using System;
+using System.Threading;
 using Hapticnet;
+
+/// A hand that stays where it is; it may fail after some ticks.
+internal sealed class Nothing : IHand
+{
+    internal int Ticks, FailsAfter = int.MaxValue;
+
+    public void Read(double[] positionM)
+    {
+        if (Ticks++ >= FailsAfter)
+            throw new InvalidOperationException("no device");
+    }
+
+    public void Apply(double[] forceN)
+    {
+    }
+}
 
 internal static class Wrong
 {
@@ -14,6 +31,27 @@ internal static class Wrong
         catch (HapticException error)
         {
             Console.WriteLine(error.Message);
+        }
+    }
+
+    /// The hand fails: the link says so, and a second Dispose does nothing.
+    private static void Fail()
+    {
+        using (var scene = new SlaveLink("127.0.0.1", 0, "nothing", 1, new Air()))
+        {
+            var link = new MasterLink("127.0.0.1", scene.Port, new Request(), new Nothing { FailsAfter = 300 });
+            for (int left = 100; left > 0 && link.Failure == null; left--)
+                Thread.Sleep(50);
+            Console.WriteLine(link.Failure);
+            link.Dispose();
+            link.Dispose();
+        }
+    }
+
+    private sealed class Air : IScene
+    {
+        public void Touch(double[] positionM, double[] forceN)
+        {
         }
     }
 
@@ -35,8 +73,10 @@ internal static class Wrong
         Say(() => new Master(new Request()).Send(new byte[100]));
         Say(() => new Master(new Request()).Receive(new byte[3], 4, 0));
         Say(() => new Slave("spring").Receive(new byte[3], 3, new byte[40], 40, 0, new byte[Node.DatagramBytes]));
-        Say(() => new MasterLink("nowhere.invalid", 47800, new Request(), null));
+        Say(() => new MasterLink("nowhere.invalid", 47800, new Request(), new Nothing()));
         Say(() => new MasterLink("127.0.0.1", 0, new Request(), null));
+        Say(() => new MasterLink("127.0.0.1", 47800, new Request(), null));
+        Fail();
         Say(() =>
         {
             var master = new Master(new Request(), () => { throw new InvalidOperationException("no entropy"); });

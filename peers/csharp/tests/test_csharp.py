@@ -159,6 +159,8 @@ def test_what_is_wrong_is_one_sentence(built):
         "the address has 40 bytes; it can have 28",
         "'nowhere.invalid' is no host with an IPv4 address",
         "the port is 0; it must be 1 to 65535",
+        "a hand is needed",
+        "InvalidOperationException: no device",
         "the source of random numbers failed: no entropy",
     ]
 

@@ -116,6 +116,8 @@ namespace Hapticnet
     /// <remarks>Once it runs, a tick allocates no memory, so that the garbage collector causes no pause.</remarks>
     public sealed class MasterLink : Link
     {
+        private const int MostPerTick = 64;
+
         private readonly Master _master;
         private readonly IHand _hand;
         private readonly double _periodUs;
@@ -139,6 +141,8 @@ namespace Hapticnet
             : base("hapticnet master")
         {
             CheckPort(port);
+            if (hand == null)
+                throw new HapticException("a hand is needed");
             _hand = hand;
             _master = new Master(request);
             if (key != null)
@@ -195,6 +199,12 @@ namespace Hapticnet
             {
                 RunUntilClosed();
             }
+            catch (Exception) // of the hand: the slave need not wait for it
+            {
+                _master.Close("the hand failed", Node.NowUs);
+                SendAll();
+                throw;
+            }
             finally
             {
                 Array.Clear(_forceN, 0, _forceN.Length);
@@ -243,7 +253,8 @@ namespace Hapticnet
         private void ReceiveAll()
         {
             SocketError error;
-            while (Socket.Available > 0)
+            // A flood must not keep the hand waiting, which has the force of the last tick meanwhile.
+            for (int left = MostPerTick; left > 0 && Socket.Available > 0; left--)
             {
                 int size = Socket.Receive(_received, 0, _received.Length, SocketFlags.None, out error);
                 if (error == SocketError.Success)
