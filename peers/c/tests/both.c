@@ -167,6 +167,7 @@ int main(int argc, char **argv)
 {
     long milliseconds = argc > 1 ? atol(argv[1]) : 3000;
     uint64_t checksum = 14695981039346656037u;
+    double greatest_n = 0.0;
     uint8_t data[HN_DATAGRAM_BYTES];
     damaged = argc > 2 ? (unsigned)atol(argv[2]) : 0;
     start_master();
@@ -191,11 +192,13 @@ int main(int argc, char **argv)
             uint64_t bits;
             memcpy(&bits, &force_n[i], sizeof bits);
             checksum = (checksum ^ bits) * 1099511628211u;
+            greatest_n = fmax(greatest_n, fabs(force_n[i]));
             check(fabs(force_n[i]) <= HN_LARGEST_COMPONENT, "a force is not finite");
         }
     }
-    printf("%lu datagrams, forces %08lx%08lx, state of a master %lu bytes, of a slave %lu bytes\n",
-           (unsigned long)arrived, (unsigned long)(checksum >> 32), (unsigned long)(checksum & 0xffffffff),
-           (unsigned long)sizeof master, (unsigned long)sizeof slave);
+    /* whole millinewtons: the small printf of a microcontroller has no %f */
+    printf("%lu datagrams, forces up to %lu mN (checksum %08lx%08lx), state of a master %lu bytes, of a slave %lu bytes\n",
+           (unsigned long)arrived, (unsigned long)(1000.0 * greatest_n), (unsigned long)(checksum >> 32),
+           (unsigned long)(checksum & 0xffffffff), (unsigned long)sizeof master, (unsigned long)sizeof slave);
     return 0;
 }

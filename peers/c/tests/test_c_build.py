@@ -10,7 +10,7 @@ import pytest
 import peer
 
 CODE_BYTES, STATE_BYTES = 64 * 1024, 8 * 1024
-SAID = re.compile(r"forces (\w+), state of a master (\d+) bytes, of a slave (\d+) bytes")
+SAID = re.compile(r"checksum (\w+)\), state of a master (\d+) bytes, of a slave (\d+) bytes")
 
 
 def needs(*tools):
