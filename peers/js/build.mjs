@@ -27,6 +27,7 @@ await build({
   outfile: "dist/index.js",
   bundle: true,
   minify: true,
+  lineLimit: 500, // Node prints the whole line in which an error was thrown
   format: "esm",
   target: "es2022",
   legalComments: "eof",

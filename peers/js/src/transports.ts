@@ -35,8 +35,14 @@ export interface Socket {
   on(event: "error", listener: (error: Error) => void): unknown;
 }
 
-/** Carry datagrams to and from one address by a UDP socket of Node; those from elsewhere are dropped. */
+/**
+ * Carry datagrams to and from one address by a UDP socket of Node; those from elsewhere are dropped.
+ *
+ * @throws RangeError if the address is a name, which no datagram comes from, or the port is wrong
+ */
 export function overSocket(socket: Socket, port: number, address: string): Transport {
+  if (!/^[\d.]+$|:/.test(address)) throw new RangeError(`address is '${address}'; it must be numeric, as 127.0.0.1`);
+  if (!(port >= 1 && port <= 65535)) throw new RangeError(`port is ${port}; it must be 1 to 65535`);
   const transport: Transport = { onmessage: null, send: (data) => socket.send(data, port, address, ignore) };
   socket.on("message", (data, from) => {
     if (from.port === port && from.address === address) transport.onmessage?.(data);

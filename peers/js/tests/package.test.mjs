@@ -1,8 +1,9 @@
 // What a program sees of the package; that its sessions are right is for the suite in peers/conformance.
 import assert from "node:assert/strict";
+import { EventEmitter } from "node:events";
 import { test } from "node:test";
 import {
-  Master, Slave, formatKey, newKey, now, overChannel, parseKey, parseKeyFile, publicKey, run, serve,
+  Master, Slave, formatKey, newKey, now, overChannel, overSocket, parseKey, parseKeyFile, publicKey, run, serve,
 } from "../dist/index.js";
 
 /** A spring of 300 N/m behind 10 mm. */
@@ -103,6 +104,8 @@ const WRONG = [
   [() => new Master({ name: "x".repeat(2000) }), /at most 1,000 bytes/],
   [() => new Master({ keys: { private: "abc", slave: "abc" } }), /keys.private has 3 characters that are no key/],
   [() => new Master({ keys: { private: newKey(), slave: new Uint8Array(32) } }), /keys.slave is not a public key/],
+  [() => overSocket(new EventEmitter(), 47800, "localhost"), /address is 'localhost'; it must be numeric/],
+  [() => overSocket(new EventEmitter(), 99999, "127.0.0.1"), /port is 99999; it must be 1 to 65535/],
   [() => new Slave({ axes: 0 }), /axes is 0; it must be 1 to 3/],
   [() => new Slave({ keys: { private: newKey(), masters: [{ public: "?" }] } }), /keys.masters\[0\].public has 1 char/],
   [() => new Master().tick([0, 0], 0), /positionM is \[0, 0\]; it must have 1 number$/],
