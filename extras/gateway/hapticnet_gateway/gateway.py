@@ -32,7 +32,7 @@ OFFERS_PER_MIN_PER_HOST: Final = 30
 OFFERS_AT_ONCE: Final = 10
 MOST_HOSTS: Final = 1000  # hosts whose rates of offers are remembered
 DATAGRAMS_PER_S: Final = 8000  # of all tabs together, to the slave
-OFFER_WITHIN_S: Final = 10.0  # longest time [s] to make an answer
+OFFER_WITHIN_S: Final = 10.0  # longest time [s] for an offer to arrive, and to make its answer
 CHECK_S: Final = 0.5
 MOST_FAULTS: Final = 10  # kinds of faults that are printed, each once
 
@@ -151,6 +151,11 @@ class Gateway(Site):
         return web.Response(status=204, headers={**_shared(origin), **allowed})
 
     async def _serve_offer(self, request: web.Request) -> web.Response:
+        response = await self._answer_offer(request)
+        response.force_close()  # one that has shown a token gives way to no other connection, so it must not stay
+        return response
+
+    async def _answer_offer(self, request: web.Request) -> web.Response:
         origin = self._origin(request)
         if origin is None:
             return self._refuse("wrong origin", 403, "This page may not connect here.")
@@ -165,7 +170,9 @@ class Gateway(Site):
         if self._gate is not None:
             self._gate.trust(request.transport)
         try:
-            offer = read_offer(await request.read())
+            offer = read_offer(await asyncio.wait_for(request.read(), OFFER_WITHIN_S))
+        except TimeoutError:
+            return self._refuse("no valid offer", 408, f"The offer did not arrive within {OFFER_WITHIN_S:g} s.", origin)
         except (PeerError, web.HTTPRequestEntityTooLarge) as error:
             text = str(error) if isinstance(error, PeerError) else f"the offer has more than {LARGEST_OFFER} bytes"
             return self._refuse("no valid offer", 400, text, origin)

@@ -147,6 +147,29 @@ async def test_tabs_and_offers_are_limited_by_host_and_in_all(monkeypatch):
         assert [(await rig.offer(OFFER))[0] for _ in range(2)] == [201, 503]
 
 
+@pytest.mark.parametrize(("body", "status"), [(b"a", b"408"), (b"a" * 1000, b"400")])
+@played
+async def test_an_offer_that_does_not_arrive_or_is_none_keeps_no_connection(body, status, monkeypatch):
+    monkeypatch.setattr(gateway_module, "OFFER_WITHIN_S", 0.3)
+    async with tabs() as rig:
+        reader, writer = await asyncio.open_connection("127.0.0.1", rig.access.port)
+        host, token = rig.url.removeprefix("http://"), rig.access.tokens["operator"]
+        head = f"POST /offer HTTP/1.1\r\nHost: {host}\r\nOrigin: {rig.url}\r\nAuthorization: Bearer {token}\r\n"
+        writer.write(f"{head}Content-Length: 1000\r\n\r\n".encode() + body)
+        assert status in await asyncio.wait_for(reader.read(), 5)
+        writer.close()
+
+
+@played
+async def test_a_token_that_is_no_text_is_wrong():
+    async with tabs() as rig:
+        reader, writer = await asyncio.open_connection("127.0.0.1", rig.access.port)
+        head = f"POST /offer HTTP/1.1\r\nHost: 127.0.0.1:{rig.access.port}\r\nOrigin: {rig.url}\r\n"
+        writer.write(head.encode() + b"Authorization: Bearer \xff\xfe\r\nContent-Length: 0\r\n\r\n")
+        assert b" 401 " in await asyncio.wait_for(reader.readline(), 5)
+        writer.close()
+
+
 @played
 async def test_what_is_no_datagram_or_one_too_many_is_counted_and_others_go_on(monkeypatch):
     async with tabs() as rig:
