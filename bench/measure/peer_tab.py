@@ -34,10 +34,17 @@ from hapticnet_gateway.cli import read_token
 from peers import write_keys
 
 RATE_HZ: Final = 250
-"""Positions a second of the page; over UDP there are 1000."""
+"""Positions a second of the page if it sends each one; over UDP there are 1000."""
 
 WEB_PORT: Final = 47890
-CODECS: Final = ("deadband", "raw")
+SESSIONS: Final[dict[str, tuple[dict[str, Any], dict[str, str]]]] = {
+    "deadband": ({"codec": "deadband"}, {"codec": "deadband", "positions": "all"}),
+    "motion-predictive, predicted, few positions": (
+        {"codec": "motion-predictive", "predicted": True, "positions": "line"},
+        {"codec": "motion-predictive", "positions": "few"},
+    ),
+}
+"""What a master over UDP asks for, and what the page's address says."""
 LOSSES: Final = (0.0, 0.05)
 PATHS: Final = ("UDP", "tab")
 WITHIN_MS: Final = 60_000
@@ -81,14 +88,14 @@ def near(arguments: argparse.Namespace) -> dict[str, Any]:
 
     url = f"http://{FAR_HOST}:{WEB_PORT}"
     fragment = {"token": arguments.token}
-    if arguments.codec is not None:
+    if arguments.session is not None:
         keys = {"key": format_key(MASTER_KEY.private), "slave": format_key(SLAVE_KEY.public)}
-        fragment |= keys | {"codec": arguments.codec, "begin": "1"}
+        fragment |= keys | SESSIONS[arguments.session][1] | {"begin": "1"}
     with sync_playwright() as playwright:
         browser = playwright.chromium.launch(executable_path=shutil.which("chromium"), args=["--no-sandbox"])
         page = browser.new_page()
         page.goto(f"{url}/#{urlencode(fragment)}")
-        if arguments.codec is None:
+        if arguments.session is None:
             found: dict[str, Any] = page.evaluate(
                 ECHO, {"token": arguments.token, "seconds": arguments.seconds, "hz": RATE_HZ}
             )
@@ -110,14 +117,14 @@ class Tab:
     def __init__(self, folder: Path, keys: list[str], arguments: argparse.Namespace) -> None:
         self.seconds: float = arguments.seconds
         self._folder, self._keys, self._arguments = folder, keys, arguments
-        self._environment = os.environ | {"PYTHONPATH": str(REPOSITORY)}
+        self._environment = os.environ | {"PYTHONPATH": f"{REPOSITORY}:{REPOSITORY / 'extras' / 'gateway'}"}
 
-    def run(self, wire: Link, codec: str | None) -> dict[str, Any]:
+    def run(self, wire: Link, session: str | None) -> dict[str, Any]:
         """Return what the tab saw, and the CPU time of the gateway [µs] a datagram that it carried."""
         with ExitStack() as ends:
             slave = ["-m", "hapticnet", "slave", "--listen", f"{FAR_HOST}:{PORT}", *self._keys, "--scene", "paper:1"]
-            far = self._start(ends, wire, "far", [str(ENDS), "far", "UDP", FAR_HOST] if codec is None else slave)
-            far.line("ready" if codec is None else "listening on")
+            far = self._start(ends, wire, "far", [str(ENDS), "far", "UDP", FAR_HOST] if session is None else slave)
+            far.line("ready" if session is None else "listening on")
             token = self._folder / "token.toml"
             listen = ["--slave", f"{FAR_HOST}:{PORT}", "--listen", f"{FAR_HOST}:{WEB_PORT}", "--token", str(token)]
             gateway = self._start(ends, wire, "gateway", ["-m", "hapticnet", "gateway", *listen])
@@ -127,7 +134,7 @@ class Tab:
             command += ["--seconds", str(self._arguments.seconds), "--seed", str(self._arguments.seed)]
             before, used_us = sent(gateway.process_id, wire.extra_bytes), cpu_us([gateway.process_id])
             done = subprocess.run(
-                wire.command("near", [sys.executable, *command, *([] if codec is None else ["--codec", codec])]),
+                wire.command("near", [sys.executable, *command, *([] if session is None else ["--session", session])]),
                 env=self._environment, capture_output=True, text=True,
                 timeout=WITHIN_MS / 1000 + self._arguments.seconds,
             )  # fmt: skip
@@ -182,12 +189,12 @@ def trips(tab: Tab, runner: Runner, wire: Link, path: str) -> dict[str, Any]:
     }
 
 
-def session(tab: Tab, runner: Runner, wire: Link, path: str, codec: str) -> dict[str, Any]:
+def session(tab: Tab, runner: Runner, wire: Link, path: str, name: str) -> dict[str, Any]:
     """Return what is felt in a sealed session."""
     if path == "UDP":
-        seen = runner.run(wire, "hapticnet", {"codec": codec, "sealed": True})["seen"]
+        seen = runner.run(wire, "hapticnet", SESSIONS[name][0] | {"sealed": True})["seen"]
         return felt(seen["ticks"], seen["ticks"][seen["warm_up"]][0] - 1e6 * SETTLE_S)
-    found = tab.run(wire, codec)
+    found = tab.run(wire, name)
     return felt(found["ticks"], found["begun_us"]) | {"bytes_back_per_s": found["bytes_back"] / tab.seconds}
 
 
@@ -201,7 +208,7 @@ def measure(arguments: argparse.Namespace) -> dict[str, Any]:
         keys = write_keys(folder)
         tab = Tab(folder, keys, arguments)
         runner = Runner(folder, keys, ticks=round(1000 * arguments.seconds), seed=arguments.seed, fifo=False)
-        cases = [("round trip", trips), *((codec, functools.partial(session, codec=codec)) for codec in CODECS)]
+        cases = [("round trip", trips), *((each, functools.partial(session, name=each)) for each in SESSIONS)]
         for loss, (what, run), path in itertools.product(LOSSES, cases, PATHS):
             for _ in range(2):
                 try:
@@ -223,7 +230,7 @@ def main() -> None:
     parser.add_argument("--delay", type=record.within(0.0), default=50.0, help="delay of the link [ms], each way")
     parser.add_argument("--near", action="store_true", help=argparse.SUPPRESS)
     parser.add_argument("--token", help=argparse.SUPPRESS)
-    parser.add_argument("--codec", help=argparse.SUPPRESS)
+    parser.add_argument("--session", help=argparse.SUPPRESS)
     parser.set_defaults(repetitions=1)
     arguments = parser.parse_args()
     if arguments.near:

@@ -5,8 +5,10 @@ import { formatKey, Master, newKey, now, publicKey, run, type Codec, type Master
 import { Hand } from "./hand.js";
 import { Picture, Ticks } from "./picture.js";
 
-/** As often as a pointer says where it is; each position takes a gateway about 0.4 ms of a processor, both ways. */
+/** As often as a pointer says where it is. If each position is sent, each takes a gateway about 0.4 ms of a processor, both ways. */
 const RATE_HZ = 250;
+/** Few positions: the share of the JND that they may use, as `hapticnet master --positions line` has it. */
+const POSITION_SHARE = 0.25;
 /** A slave keeps the scene of a silent master for 30 s; the session that is asked for then continues it. */
 const SLOW_MS = 1000;
 
@@ -37,7 +39,7 @@ function keys(): MasterKeys | undefined {
 
 /** Keep what was typed in the address, behind the #, which browsers send to nobody. */
 function remember(): void {
-  for (const name of ["token", "gateway", "slave", "key", "psk", "codec", "axes", "multiplier"])
+  for (const name of ["token", "gateway", "slave", "key", "psk", "codec", "positions", "axes", "multiplier"])
     if (value(name) === "") given.delete(name);
     else given.set(name, value(name));
   history.replaceState(null, "", `#${given}`);
@@ -65,6 +67,7 @@ const LINK: Readonly<Record<LinkState, "good" | "wait" | "bad">> = {
 async function touch(): Promise<void> {
   const sealed = keys();
   const axes = Number(value("axes"));
+  const few = value("positions") === "few";
   const picture = new Picture(byId<HTMLCanvasElement>("scene"));
   const hand = new Hand(picture.canvas, axes, () => picture.metresPerPixel());
   byId("let-go").onclick = () => hand.letGo();
@@ -73,6 +76,7 @@ async function touch(): Promise<void> {
     name: "browser tab",
     axes,
     rateHz: RATE_HZ,
+    ...(few ? { positionShare: POSITION_SHARE, predicted: true } : {}),
     multiplier: Number(value("multiplier")),
     ...(sealed === undefined ? {} : { keys: sealed }),
   });
