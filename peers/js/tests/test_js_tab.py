@@ -51,6 +51,11 @@ def feels(page: Any, at_least_n: float = 0.2) -> None:
     until(page, f"Number.parseFloat(force.textContent) > {at_least_n}")
 
 
+def feels_nothing(page: Any) -> None:
+    # The codec may keep a force below the smallest difference that is felt, 0.025 N, which the page rounds.
+    until(page, "Number.parseFloat(force.textContent) <= 0.03")
+
+
 def ticks(page: Any) -> list[list[float]]:
     found: list[list[float]] = page.evaluate("hapticnet.ticks.since(0)")
     return found
@@ -79,7 +84,7 @@ def test_a_tab_feels_a_sealed_slave_and_no_key_leaves_it(rig: Rig, page: Any):
     page.locator("#trip").filter(has_text="ms").wait_for(timeout=WITHIN_MS)
     page.mouse.up()
     page.locator("#let-go").click()
-    page.locator("#force", has_text="0.00 N").wait_for(timeout=WITHIN_MS)
+    feels_nothing(page)
     assert page.complaints == []
     assert any("/offer" in each for each in asked)
     for each in asked:
@@ -97,7 +102,7 @@ def test_a_page_served_elsewhere_connects_if_the_gateway_names_its_origin(rig: R
         page.keyboard.press("PageDown")
     feels(page)
     page.keyboard.press("Escape")
-    page.locator("#force", has_text="0.00 N").wait_for(timeout=WITHIN_MS)
+    feels_nothing(page)
     page.goto(rig.address(f"{elsewhere}/page".replace("127.0.0.1", "localhost"), gateway=rig.url))
     page.locator("#link", has_text="does not answer").wait_for(timeout=WITHIN_MS)
 
