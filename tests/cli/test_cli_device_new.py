@@ -69,7 +69,7 @@ def test_a_master_drives_it_and_tells_of_its_loss():
         failed = [event.reason for event in master.take_events() if type(event).__name__ == "Failed"]
         assert len(failed) == 1
         assert failed[0].startswith("the device failed: MyMotor.apply raised OSError: no such device")
-        assert master.force_n == (0.0,)
+        wait_until(lambda: master.force_n == (0.0,))
 
 
 class Spring:

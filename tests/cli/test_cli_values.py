@@ -18,6 +18,7 @@ NEEDED = {
     ("master",): ("--connect", "127.0.0.1:9", "--connect-timeout", "0"),
     ("compare",): ("hand.csv", "--position-column", "x_m", "--scene", "paper:1", "--plot-dir", "plots"),
     ("info",): ("hand.csv",),
+    ("replay",): ("hand.csv",),
     ("export",): ("hand.csv",),
     ("sweep", "run"): ("study.toml", "--out-dir", "results"),
     ("sweep", "show"): ("results",),

@@ -82,7 +82,7 @@ def test_a_master_feels_the_scene_of_a_slave_of_hapticnet(built):
     felt = [(float(x), float(n)) for x, n in re.findall(r"([\d.]+) mm ([\d.-]+) N", done.stdout)]
     assert all(abs(n) < 0.1 for x, n in felt if x < 10.0)
     assert max(n for _, n in felt) > 2.0
-    assert done.stdout.splitlines()[-1].startswith("Established paper")
+    assert "\nEstablished paper" in done.stdout  # the hand may still print after it
 
 
 def test_a_master_of_hapticnet_feels_the_spring_of_a_slave(built):

@@ -156,7 +156,7 @@ def test_a_hidden_page_lets_go_and_keeps_its_pace(rig: Rig, page: Any):
         Object.defineProperty(document, "hidden", { value: true });
         document.dispatchEvent(new Event("visibilitychange"));
     }""")
-    until(page, "Number.parseFloat(force.textContent) === 0")
+    until(page, "Number.parseFloat(force.textContent) <= 0.03")
     rows = ticks(page)
     assert rows[-1][1] < 0.02
     last_s = [row for row in rows if row[0] > rows[-1][0] - 1e6]
