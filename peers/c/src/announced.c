@@ -2,7 +2,7 @@
 
 #include <string.h>
 
-#include "literature.h"
+#include "values.h"
 
 /* Those of a second, and more while several models catch up by turns. */
 enum { ROOM = HN_MOST_REMEMBERED + 256 };

@@ -4,7 +4,7 @@
 #include <string.h>
 
 #include "hold.h"
-#include "literature.h"
+#include "values.h"
 
 /* Lines and bounds */
 

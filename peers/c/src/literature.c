@@ -4,6 +4,7 @@
 #include <string.h>
 
 #include "hold.h"
+#include "values.h"
 
 /* passive-extrapolative and passive-interpolative */
 

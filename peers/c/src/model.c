@@ -3,7 +3,7 @@
 #include <math.h>
 #include <string.h>
 
-#include "literature.h"
+#include "values.h"
 
 enum { PIERCED = 1, BREACHES = 2, VISCOUS = 4, STIFFENS = 8, RUBS = 16, RECOVERS = 32, ALL_FLAGS = 63 };
 

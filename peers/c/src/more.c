@@ -5,7 +5,7 @@
 
 #include "asking.h"
 #include "hold.h"
-#include "literature.h"
+#include "values.h"
 
 static hn_side *side_of(const hn_master *m, const hn_stream *s)
 {
