@@ -55,7 +55,13 @@ def damaged(chance: random.Random, data: bytes) -> bytes:
         return chance.randbytes(chance.choice([0, 1, 5, 20, 100, 1200, 1201, 2000]))
     frame = msgpack.unpackb(data)
     inside = chance.random() < 0.5
-    part = bytearray(frame[4] if inside else data)  # a body, or all of it
+    part = changed(chance, frame[4] if inside else data)  # a body, or all of it
+    return msgpack.packb([*frame[:4], part]) if inside else part
+
+
+def changed(chance: random.Random, data: bytes) -> bytes:
+    """Return bytes, some of which were changed, left out or repeated."""
+    part = bytearray(data)
     for _ in range(chance.randint(1, 2)):
         at = chance.randrange(len(part) + 1)
         change = chance.choice(["byte", "head", "cut", "repeat", "more"])
@@ -68,7 +74,7 @@ def damaged(chance: random.Random, data: bytes) -> bytes:
             part[:1] = bytes([part[0] + 1 & 0xFF])  # of an array: one element more
         elif at < len(part):
             part[at] = chance.randrange(256) if change == "byte" else chance.choice(HEADS)
-    return msgpack.packb([*frame[:4], bytes(part)]) if inside else bytes(part)
+    return bytes(part)
 
 
 def of_session(data: bytes, number: int) -> bytes:

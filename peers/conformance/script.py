@@ -5,7 +5,6 @@ A node is deterministic. So a peer that gives the same answers to a script has h
 
 import re
 from collections.abc import Sequence
-from pathlib import Path
 from typing import Any, NamedTuple
 
 import msgpack
@@ -158,14 +157,12 @@ def first_difference(child: Child, script: Sequence[Line], ulps: int = 0) -> str
     return None
 
 
-def save(script: Sequence[Line], path: Path) -> None:
-    """Write a script to a file: a command and an answer a line."""
-    text = "".join(f"{line.command}\t{'*' if line.answer is None else line.answer}\n" for line in script)
-    path.with_suffix(f".{id(script)}").write_text(text)
-    path.with_suffix(f".{id(script)}").rename(path)
+def dumps(script: Sequence[Line]) -> str:
+    """Return the text of a script: a command and an answer a line."""
+    return "".join(f"{line.command}\t{'*' if line.answer is None else line.answer}\n" for line in script)
 
 
-def load(path: Path) -> list[Line]:
-    """Read a script from a file."""
-    pairs = (line.split("\t") for line in path.read_text().splitlines())
+def loads(text: str) -> list[Line]:
+    """Return the script that `dumps` wrote."""
+    pairs = (line.split("\t") for line in text.splitlines())
     return [Line(command, None if answer == "*" else answer) for command, answer in pairs]

@@ -1,25 +1,15 @@
 """Compilers, sanitizers and a microcontroller."""
 
-import os
 import re
-import shutil
 import subprocess
 
 import pytest
 
 import peer
+from conformance.programs import need
 
 CODE_BYTES, STATE_BYTES = 64 * 1024, 8 * 1024
 SAID = re.compile(r"checksum (\w+)\), state of a master (\d+) bytes, of a slave (\d+) bytes")
-
-
-def needs(*tools):
-    """Fail in CI, and skip elsewhere, if a tool is missing."""
-    missing = [tool for tool in tools if shutil.which(tool) is None]
-    if missing and os.environ.get("CI"):
-        pytest.fail(f"{', '.join(missing)} missing; CI must have it")
-    if missing:
-        pytest.skip(f"{', '.join(missing)} missing")
 
 
 def make(folder, *arguments):
@@ -32,7 +22,7 @@ def make(folder, *arguments):
 
 @pytest.mark.parametrize("compiler", ["gcc", "clang"])
 def test_a_compiler_warns_of_nothing(tmp_path, compiler):
-    needs(compiler)
+    need(compiler)
     make(tmp_path, f"CC={compiler}", "CFLAGS=-O1 -Werror", f"{tmp_path}/libhapticnet.a")
 
 
@@ -48,7 +38,7 @@ def test_memory_that_does_not_fit_a_request_is_refused(tmp_path):
 
 
 def test_a_cortex_m_applies_the_same_forces_in_little_space(tmp_path):
-    needs("arm-none-eabi-gcc", "qemu-system-arm")
+    need("arm-none-eabi-gcc", "qemu-system-arm")
     here = SAID.search(subprocess.check_output([peer.build(f"{tmp_path}/both", tmp_path) / "both"], text=True))
     there = SAID.search(make(tmp_path, "emulate"))
     assert there[1] == here[1]

@@ -8,10 +8,12 @@ import struct
 import msgpack
 import numpy as np
 import pytest
-from test_c_sessions import CODECS, NETWORKS, Pair, Spring
+from test_c_sessions import CODECS, Pair
 from test_c_vectors import MODELS, PROTOCOL, OpenMaster
 
 import peer
+from conformance.scenes import Spring
+from conformance.session import NETWORKS
 from hapticnet.codec import positions
 from hapticnet.errors import PeerError
 from hapticnet.node import decoders

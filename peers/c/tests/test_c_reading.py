@@ -8,6 +8,7 @@ import msgpack
 import pytest
 
 import peer
+from conformance.damage import changed
 from hapticnet.errors import PeerError
 from hapticnet.protocol import messages
 from hapticnet.protocol.wire import Kind, unpack
@@ -18,27 +19,6 @@ SEEDS = [
     for name in ("protocol.json", "refused.json")
     for each in json.loads((VECTORS / name).read_text())["datagrams"]
     if len(each["hex"]) < 800 and each.get("outcome") != "dropped"
-]
-HEADS = [
-    0x00,
-    0x7F,
-    0x90,
-    0x91,
-    0x95,
-    0xA1,
-    0xC0,
-    0xC2,
-    0xC4,
-    0xCA,
-    0xCB,
-    0xCC,
-    0xCD,
-    0xCE,
-    0xCF,
-    0xD0,
-    0xD3,
-    0xD9,
-    0xE0,
 ]
 READERS = {
     Kind.WELCOME: lambda body: messages.unpack_grant(messages.unpack_welcome(body).grant),
@@ -57,20 +37,8 @@ def damaged(chance, data):
     """Return a datagram, some of whose bytes were changed, left out or repeated."""
     frame = msgpack.unpackb(data) if chance.random() < 0.5 else None
     whole = frame is not None and type(frame) is list and len(frame) == 5 and type(frame[4]) is bytes
-    part = bytearray(frame[4] if whole else data)  # a body, or all of it
-    for _ in range(chance.randint(1, 2)):
-        at = chance.randrange(len(part) + 1)
-        change = chance.choice(["byte", "head", "cut", "repeat", "more"])
-        if change == "cut":
-            del part[at:]
-        elif change == "repeat":
-            part[at:at] = part[at : at + chance.randint(1, 9)]
-        elif change == "more":
-            part.append(chance.choice(HEADS))
-            part[:1] = bytes([part[0] + 1 & 0xFF])  # of an array: one element more
-        elif at < len(part):
-            part[at] = chance.randrange(256) if change == "byte" else chance.choice(HEADS)
-    return msgpack.packb([*frame[:4], bytes(part)]) if whole else bytes(part)
+    part = changed(chance, frame[4] if whole else data)  # a body, or all of it
+    return msgpack.packb([*frame[:4], part]) if whole else part
 
 
 def read(data):

@@ -1,13 +1,14 @@
 """Pairs of sessions in virtual time, for what peers/conformance cannot reach, and a hand that loses its place."""
 
 import math
-from types import SimpleNamespace
 from typing import Any
 
 import msgpack
 import numpy as np
 
 import peer
+from conformance.scenes import Hand, Spring
+from conformance.session import NETWORKS, WRAP_US
 from hapticnet.channel.emulator import Emulator
 from hapticnet.channel.spec import parse_channel
 from hapticnet.codec.registry import codec_parameters, every_codec, make_codec
@@ -20,34 +21,7 @@ from hapticnet.perception import WeberLaw
 from hapticnet.protocol.handshake import SealedDoor
 from hapticnet.protocol.keys import NO_PSK, Roster
 from hapticnet.protocol.wire import SEALED
-from hapticnet.samples import ForceSample
 from tests.peers import ENTRY, SLAVE
-
-NETWORKS = {
-    "perfect": "delay=0ms",
-    "slow": "delay=40ms",
-    "lossy": "delay=10ms,jitter=normal:4ms,loss=15%",
-    "bursts": "delay=20ms,loss=gilbert:1%,12%,jitter=normal:5ms",
-    "disorder": "delay=30ms,jitter=normal:12ms,reorder=5%,duplicate=5%",
-    "near the end": "delay=480ms,jitter=normal:30ms,loss=5%",
-    "too slow": "delay=700ms,jitter=normal:300ms",
-}
-WRAP_US = 2**32 - 1_500_000  # time stamps wrap after a second and a half
-
-
-def hand(axes):
-    """Return where the hand is after some time: it goes in and out, not the same on each axis."""
-    return lambda t_us: tuple(0.02 * (1.0 - math.cos(t_us / 2e5 * (1 + i))) + 1e-4 * i for i in range(axes))
-
-
-class Spring:
-    """A spring of 300 N/m behind 10 mm, on each axis."""
-
-    def __init__(self, axes):
-        self.axes, self.name = axes, f"{axes} springs"
-
-    def step(self, sample):
-        return ForceSample(sample.t_us, tuple(300.0 * max(0.0, x - 0.01) for x in sample.position_m))
 
 
 class Watched:
@@ -77,7 +51,7 @@ class Felt:
 
 
 def in_python(codec, axes, rate_hz, seed, parameters, key=None, more=None):
-    operator = UserOperator(SimpleNamespace(axes=axes, sample=hand(axes)))
+    operator = UserOperator(Hand(axes))
     more = dict(more or {})
     if "position_share" in more:
         more["positions"] = "line"
@@ -93,7 +67,7 @@ def in_c(lib, codec, axes, rate_hz, seed, parameters, key=None, more=None):
     master = peer.Master(
         lib,
         lambda: int(rng.integers(0, 1 << 32)),
-        hand(axes),
+        Hand(axes).sample,
         codec=codec,
         parameters=given,
         rate_hz=rate_hz,

@@ -5,7 +5,7 @@ import os
 import pytest
 
 from conformance.child import Child, find_peers
-from conformance.script import load, save
+from conformance.script import dumps, loads
 from conformance.session import played
 from hapticnet.codec.registry import every_codec
 
@@ -96,32 +96,28 @@ def require(child):
 
 
 @pytest.fixture
-def script_of(shared_folder):
-    """Return a function that gives the script of a scenario, played once for all peers and processes."""
-    folder = shared_folder / "scripts"
-    folder.mkdir(exist_ok=True)
+def kept(shared_folder):
+    """Return a function that gives the text of a file, made once for all peers and processes."""
 
-    def script(name, scenario):
-        path = folder / f"{name.replace(' ', '_').replace(',', '')}.txt"
+    def text(kind, name, make):
+        path = shared_folder / kind / f"{name.replace(' ', '_').replace(',', '')}.txt"
         if not path.exists():
-            save(played(scenario).recorder.lines, path)
-        return load(path)
+            path.parent.mkdir(exist_ok=True)
+            part = path.with_suffix(f".{os.getpid()}")
+            part.write_text(make())
+            part.rename(path)
+        return path.read_text()
 
-    return script
+    return text
 
 
 @pytest.fixture
-def answers_of(shared_folder):
+def script_of(kept):
+    """Return a function that gives the script of a scenario."""
+    return lambda name, scenario: loads(kept("scripts", name, lambda: dumps(played(scenario).recorder.lines)))
+
+
+@pytest.fixture
+def answers_of(kept):
     """Return a function that gives what hapticnet's slave answers, and its master applies, in a scenario."""
-    folder = shared_folder / "answers"
-    folder.mkdir(exist_ok=True)
-
-    def answers(name, scenario):
-        path = folder / f"{name.replace(' ', '_').replace(',', '')}.txt"
-        if not path.exists():
-            part = path.with_suffix(f".{os.getpid()}")
-            part.write_text("\n".join(played(scenario).answers()))
-            part.rename(path)
-        return path.read_text().split("\n")
-
-    return answers
+    return lambda name, scenario: kept("answers", name, lambda: "\n".join(played(scenario).answers())).split("\n")

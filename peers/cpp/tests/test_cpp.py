@@ -2,36 +2,22 @@
 
 import os
 import re
-import shutil
-import socket
 import subprocess
-import sys
-from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
 
-from hapticnet.protocol.key_files import dump_master, write_key
+from conformance.programs import check_felt, free_port, length_test, need, running_slave, taken_port, write_keys
+from conformance.session import SLAVE
 from hapticnet.protocol.keys import format_key
-from tests.peers import ENTRY, MASTER, SLAVE
 
 HERE = Path(__file__).parents[1]
 README = HERE / "README.md"
-LINES = 50
 WARNINGS = ("-Wall", "-Wextra", "-Wconversion", "-Wshadow", "-Wpedantic", "-Wold-style-cast")
 
 
-def needs(*tools):
-    """Fail in CI, and skip elsewhere, if a tool is missing."""
-    missing = [tool for tool in tools if shutil.which(tool) is None]
-    if missing and os.environ.get("CI"):
-        pytest.fail(f"{', '.join(missing)} missing; CI must have it")
-    if missing:
-        pytest.skip(f"{', '.join(missing)} missing")
-
-
 def make(folder, *arguments):
-    needs("g++", "make")
+    need("g++", "make")
     done = subprocess.run(["make", "-s", "-C", HERE, f"BUILD={folder}", *arguments], capture_output=True, text=True)
     assert (done.returncode, done.stderr) == (0, ""), done.stderr[-3000:]
 
@@ -51,43 +37,13 @@ def built(tmp_path_factory):
     return folder
 
 
-@contextmanager
-def running_slave(*options):
-    """Run a slave of hapticnet, and give its port."""
-    command = [sys.executable, "-m", "hapticnet", "slave", "--scene", "paper", "--listen", "127.0.0.1:0", *options]
-    with subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True) as process:
-        ports = (re.search(r"listening on 127\.0\.0\.1:(\d+)", line) for line in process.stderr)
-        try:
-            yield next(port[1] for port in ports if port)
-        finally:
-            process.terminate()
-
-
-@contextmanager
-def taken_port():
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as taken:
-        taken.bind(("127.0.0.1", 0))
-        yield str(taken.getsockname()[1])
-
-
-def check_felt(program, port):
-    """Check that a master feels nothing before the tissue, and that it feels its skin."""
-    done = subprocess.run([program, "127.0.0.1", port, "2"], capture_output=True, text=True, timeout=30)
-    assert (done.returncode, done.stderr) == (0, "")
-    felt = [(float(x), float(n)) for x, n in re.findall(r"([\d.]+) mm +([\d.-]+) N", done.stdout)]
-    assert len(felt) >= 20
-    assert all(abs(n) < 0.1 for x, n in felt if x < 10.0)
-    assert max(n for _, n in felt) > 3.0
-
-
 def test_a_master_feels_the_scene_of_a_slave_of_hapticnet(built):
     with running_slave() as port:
-        check_felt(built / "master", port)
+        check_felt([built / "master", "127.0.0.1", port, 2])
 
 
 def test_a_master_feels_the_spring_of_a_slave(built):
-    with taken_port() as port:
-        pass  # and free from here on
+    port = str(free_port())
     with subprocess.Popen([built / "slave", port]) as slave:
         done = subprocess.run([built / "master", "127.0.0.1", port, "1"], capture_output=True, text=True, timeout=30)
         slave.terminate()
@@ -96,18 +52,14 @@ def test_a_master_feels_the_spring_of_a_slave(built):
 
 
 def test_with_the_line_of_the_readme_its_session_is_sealed_by_key_files_of_hapticnet(built, tmp_path):
-    write_key(tmp_path / "master" / "hapticnet" / "key.toml", MASTER)
-    write_key(tmp_path / "slave" / "key.toml", SLAVE)
-    (tmp_path / "slave" / "masters.toml").write_text(dump_master(ENTRY))
     line = re.search(r"^master\.seal\(.*\);$", README.read_text(), flags=re.MULTILINE)[0]
     line = line.replace("<the slave's public key>", format_key(SLAVE.public))
     source = (HERE / "examples" / "master.cpp").read_text()
     (tmp_path / "sealed.cpp").write_text(source.replace("master(request);", f"master(request);\n    {line}"))
     compile_against(built, tmp_path / "sealed")
-    keys = "--key", tmp_path / "slave" / "key.toml", "--masters", tmp_path / "slave" / "masters.toml"
-    with running_slave(*keys) as port, pytest.MonkeyPatch.context() as patch:
+    with running_slave(*write_keys(tmp_path)) as port, pytest.MonkeyPatch.context() as patch:
         patch.setenv("XDG_CONFIG_HOME", f"{tmp_path}/master")
-        check_felt(tmp_path / "sealed", port)
+        check_felt([tmp_path / "sealed", "127.0.0.1", port, 2])
         patch.setenv("XDG_CONFIG_HOME", f"{tmp_path}/nobody")
         done = subprocess.run([tmp_path / "sealed"], capture_output=True, text=True, timeout=30)
     assert done.returncode == 2
@@ -162,7 +114,7 @@ def test_what_is_wrong_is_an_error_with_the_text_of_the_library(built, tmp_path)
 @pytest.mark.parametrize("sealed", ["", "-I../c/sealed"])
 @pytest.mark.parametrize("compiler", ["g++", "clang++"])
 def test_a_compiler_warns_of_nothing(compiler, sealed):
-    needs(compiler)
+    need(compiler)
     flags = [*WARNINGS, "-std=c++17", "-Werror", "-fsyntax-only"]
     sources = [*HERE.glob("examples/*.cpp"), HERE / "tests" / "adapter.cpp"]
     done = subprocess.run(
@@ -172,7 +124,7 @@ def test_a_compiler_warns_of_nothing(compiler, sealed):
 
 
 def test_it_is_installed_with_the_c_library_and_found_by_pkg_config(tmp_path):
-    needs("cmake", "pkg-config")
+    need("cmake", "pkg-config")
     quiet = {"stdout": subprocess.DEVNULL}
     subprocess.check_call(
         ["cmake", "-S", HERE.parent / "c", "-B", tmp_path / "b", f"-DCMAKE_INSTALL_PREFIX={tmp_path}/i"], **quiet
@@ -186,15 +138,11 @@ def test_it_is_installed_with_the_c_library_and_found_by_pkg_config(tmp_path):
     example = HERE / "examples" / "slave.cpp"
     subprocess.check_call(["g++", "-std=c++17", example, *flags.split(), "-o", tmp_path / "slave"])
     with taken_port() as port:
-        done = subprocess.run([tmp_path / "slave", port], capture_output=True, text=True, timeout=30)
+        done = subprocess.run([tmp_path / "slave", str(port)], capture_output=True, text=True, timeout=30)
     assert (done.returncode, done.stderr) == (2, "this port is taken; name another one\n")
 
 
-@pytest.mark.parametrize("example", sorted((HERE / "examples").glob("*.cpp")), ids=lambda path: path.stem)
-def test_an_example_is_short_and_its_length_is_in_the_readme(example):
-    lines = len(example.read_text().splitlines())
-    assert lines <= LINES
-    assert f"[examples/{example.name}](examples/{example.name}) ({lines} lines)" in README.read_text()
+test_an_example_is_short_and_its_length_is_in_the_readme = length_test(HERE, "*.cpp", 50)
 
 
 def test_the_code_of_the_readme_is_that_of_the_example():

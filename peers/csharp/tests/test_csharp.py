@@ -4,56 +4,29 @@ import json
 import os
 import re
 import shutil
-import socket
 import subprocess
-import sys
-from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
 
-from hapticnet.protocol.key_files import dump_master, write_key
+from conformance.programs import check_felt, check_slave, length_test, need, running_slave, taken_port, write_keys
+from conformance.session import SLAVE
 from hapticnet.protocol.keys import format_key
-from tests.peers import ENTRY, MASTER, SLAVE
 
 HERE = Path(__file__).parents[1]
 PACKAGE = HERE / "Hapticnet"
 README = HERE / "README.md"
-LINES = 50
 PROGRAMS = ("SmallestMaster", "SmallestSlave", "Life", "Steady", "Wrong")
 
 
 @pytest.fixture(scope="session")
 def built(tmp_path_factory):
-    missing = [tool for tool in ("mcs", "mono", "gcc", "make") if shutil.which(tool) is None]
-    if missing and os.environ.get("CI"):
-        pytest.fail(f"{', '.join(missing)} missing; CI must have it")
-    if missing:
-        pytest.skip(f"{', '.join(missing)} missing")
+    need("mcs", "mono", "gcc", "make")
     folder = tmp_path_factory.mktemp("csharp")
     targets = [f"{folder}/{name}.exe" for name in PROGRAMS]
     done = subprocess.run(["make", "-s", "-C", HERE, f"BUILD={folder}", *targets], capture_output=True, text=True)
     assert (done.returncode, done.stderr) == (0, ""), done.stderr + done.stdout
     return folder
-
-
-@contextmanager
-def running_slave(*options):
-    """Run a slave of hapticnet, and give its port."""
-    command = [sys.executable, "-m", "hapticnet", "slave", "--scene", "paper", "--listen", "127.0.0.1:0", *options]
-    with subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True) as process:
-        ports = (re.search(r"listening on 127\.0\.0\.1:(\d+)", line) for line in process.stderr)
-        try:
-            yield next(port[1] for port in ports if port)
-        finally:
-            process.terminate()
-
-
-@contextmanager
-def taken_port():
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as taken:
-        taken.bind(("127.0.0.1", 0))
-        yield str(taken.getsockname()[1])
 
 
 def run(folder, program, *arguments, **environment):
@@ -77,12 +50,8 @@ def check_life(said):
 
 def test_a_master_feels_the_scene_of_a_slave_of_hapticnet(built):
     with running_slave() as port:
-        done = run(built, "SmallestMaster", "127.0.0.1", port, 2)
-    assert (done.returncode, done.stderr) == (0, "")
-    felt = [(float(x), float(n)) for x, n in re.findall(r"([\d.]+) mm ([\d.-]+) N", done.stdout)]
-    assert all(abs(n) < 0.1 for x, n in felt if x < 10.0)
-    assert max(n for _, n in felt) > 2.0
-    assert "\nEstablished paper" in done.stdout  # the hand may still print after it
+        said = check_felt(["mono", built / "SmallestMaster.exe", "127.0.0.1", port, 2], above_n=2.0)
+    assert "\nEstablished paper" in said  # the hand may still print after it
 
 
 def test_a_master_of_hapticnet_feels_the_spring_of_a_slave(built):
@@ -90,14 +59,7 @@ def test_a_master_of_hapticnet_feels_the_spring_of_a_slave(built):
         done = run(built, "SmallestSlave", port)
     assert done.returncode == 2
     assert done.stderr.startswith(f"127.0.0.1:{port} cannot be used: ")
-    with subprocess.Popen(["mono", built / "SmallestSlave.exe", "0"], stdout=subprocess.PIPE, text=True) as slave:
-        address = slave.stdout.readline().split()[-1]
-        command = [sys.executable, "-m", "hapticnet", "master", "--connect", address, "--json", "--duration", "3"]
-        done = subprocess.run(command, capture_output=True, text=True, timeout=60)
-        slave.terminate()
-    assert done.returncode == 0, done.stderr
-    report = json.loads(done.stdout)
-    assert (report["scene"], report["connections"], report["received"]["malformed"]) == ("spring", 1, 0)
+    check_slave(["mono", built / "SmallestSlave.exe"])
 
 
 def test_a_link_allocates_nothing_while_it_ticks(built):
@@ -123,14 +85,10 @@ def test_unity_moves_a_hand_and_is_pushed_in_the_frame_of_the_scene(built):
 
 
 def test_unity_has_sealed_sessions_with_key_files_of_hapticnet(built, tmp_path):
-    write_key(tmp_path / "master" / "hapticnet" / "key.toml", MASTER)
-    write_key(tmp_path / "key.toml", SLAVE)
-    (tmp_path / "masters.toml").write_text(dump_master(ENTRY))
-    keys = "--key", tmp_path / "key.toml", "--masters", tmp_path / "masters.toml"
-    with running_slave(*keys) as port:
+    with running_slave(*write_keys(tmp_path)) as port:
         done = run(built, "Life", port, 2, format_key(SLAVE.public), XDG_CONFIG_HOME=f"{tmp_path}/master")
         check_life(done.stdout)
-        stranger = run(built, "Life", port, 1, format_key(SLAVE.public), tmp_path / "key.toml")
+        stranger = run(built, "Life", port, 1, format_key(SLAVE.public), tmp_path / "slave" / "key.toml")
         missing = run(built, "Life", port, 1, format_key(SLAVE.public), tmp_path / "nothing.toml")
     assert "error HapticMaster: the slave ended the session: " in stranger.stdout
     assert f"error HapticMaster: {tmp_path}/nothing.toml does not exist" in missing.stdout
@@ -189,11 +147,7 @@ def test_each_asset_of_the_package_has_an_identity_of_its_own():
     assert not any("UnityEngine" in path.read_text() for path in (PACKAGE / "Runtime").glob("*.cs"))
 
 
-@pytest.mark.parametrize("example", sorted((HERE / "examples").glob("*.cs")), ids=lambda path: path.stem)
-def test_an_example_is_short_and_its_length_is_in_the_readme(example):
-    lines = len(example.read_text().splitlines())
-    assert lines <= LINES
-    assert f"[examples/{example.name}](examples/{example.name}) ({lines} lines)" in README.read_text()
+test_an_example_is_short_and_its_length_is_in_the_readme = length_test(HERE, "*.cs", 50)
 
 
 def test_the_code_of_the_readme_is_that_of_the_example():

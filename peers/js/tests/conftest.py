@@ -1,12 +1,13 @@
 """The package, built once for all tests, and a browser."""
 
-import os
 import shutil
 import subprocess
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import pytest
+
+from conformance.programs import need
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -15,15 +16,6 @@ if TYPE_CHECKING:
 
 HERE = Path(__file__).parents[1]
 NEEDS = ("make", "clang", "wasm-ld", "node", "npm")
-
-
-def need(*tools: str) -> None:
-    """Skip a test without its tools; in CI, fail it."""
-    missing = [tool for tool in tools if shutil.which(tool) is None]
-    if missing and os.environ.get("CI"):
-        pytest.fail(f"{', '.join(missing)} is missing")
-    elif missing:
-        pytest.skip(f"needs {', '.join(missing)}")
 
 
 @pytest.fixture(scope="session")

@@ -2,17 +2,16 @@
 
 import gzip
 import json
-import os
 import re
 import shutil
-import socket
 import subprocess
-import sys
 import tarfile
 from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+
+from conformance.programs import check_felt, check_slave, running_slave
 
 FLAGS = ["--experimental-global-webcrypto"]  # what Node 20 has without
 
@@ -60,12 +59,8 @@ def test_the_lock_file_names_no_host(package: Path):
 @pytest.fixture
 def slave() -> Iterator[str]:
     """Start a slave of hapticnet with the paper's scene; give its port."""
-    command = [sys.executable, "-m", "hapticnet", "slave", "--scene", "paper", "--listen", "127.0.0.1:0"]
-    with subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True) as process:
-        assert process.stderr is not None
-        ports = (re.search(r"listening on 127\.0\.0\.1:(\d+)", line) for line in process.stderr)
-        yield next(port[1] for port in ports if port)
-        process.terminate()
+    with running_slave() as port:
+        yield str(port)
 
 
 @pytest.fixture
@@ -82,12 +77,7 @@ def project(package: Path, tmp_path: Path) -> Path:
 
 def test_the_example_of_a_master_feels_the_scene_of_a_slave_of_hapticnet(package: Path, project: Path, slave: str):
     program = Path(shutil.copy(package / "examples" / "master.mjs", project))
-    done = node(program, "127.0.0.1", slave, "2", env=os.environ)
-    assert done.returncode == 0, done.stderr
-    felt = [(float(x), float(n)) for x, n in re.findall(r"([\d.]+) mm +([\d.-]+) N", done.stdout)]
-    assert len(felt) >= 10
-    assert all(abs(n) < 0.1 for x, n in felt if x < 10.0)
-    assert max(n for _, n in felt) > 3.0
+    check_felt(["node", *FLAGS, program, "127.0.0.1", slave, 2], at_least=10)
 
 
 def test_the_length_of_each_example_is_in_the_readme(package: Path):
@@ -114,18 +104,9 @@ def test_the_first_program_of_the_readme_feels_the_scene(package: Path, project:
 
 
 def test_a_master_of_hapticnet_feels_the_slave_of_the_readme(package: Path, project: Path):
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as free:
-        free.bind(("127.0.0.1", 0))
-        port = str(free.getsockname()[1])
     (program,) = (block for block in blocks(package) if "serve(" in block)
-    (project / "slave.mjs").write_text(program.replace("47800", port))
-    with subprocess.Popen(["node", *FLAGS, project / "slave.mjs"]) as slave:
-        command = [sys.executable, "-m", "hapticnet", "master", "--connect", f"127.0.0.1:{port}", "--json"]
-        done = subprocess.run([*command, "--duration", "2"], capture_output=True, text=True, timeout=60)
-        slave.terminate()
-    assert done.returncode == 0, done.stderr
-    report = json.loads(done.stdout)
-    assert (report["scene"], report["connections"], report["received"]["malformed"]) == ("a spring", 1, 0)
+    (project / "slave.mjs").write_text(program.replace("47800", "Number(process.argv[2])"))
+    check_slave(["node", *FLAGS, project / "slave.mjs"], "a spring")
 
 
 def test_the_examples_of_the_readme_have_the_types_of_the_package(package: Path, project: Path):
