@@ -18,8 +18,8 @@ _ENTER: Final = """
 mount -t tmpfs tmpfs "$1"
 mkdir "$1/upper" "$1/work" "$1/root"
 mount -t overlay overlay -o "lowerdir=$2,upperdir=$1/upper,workdir=$1/work" "$1/root"
-mkdir "$1/root/shared"
-mount --bind "$3" "$1/root/shared"
+mkdir "$1/root/wheels"
+mount --bind "$3" "$1/root/wheels"
 mount -t proc proc "$1/root/proc"
 mount -t tmpfs tmpfs "$1/root/dev/shm"
 ip link set lo up
@@ -59,8 +59,8 @@ def download_wheels(names: list[str], python: str, folder: Path) -> None:
     subprocess.run([*command, *options, *names], check=True)
 
 
-def run_inside(release: str, shared: Path, script: str, scratch: Path) -> str:
-    """Return what a shell script prints in a clean system without a network, where `shared` is /shared.
+def run_inside(release: str, wheels: Path, script: str, scratch: Path) -> str:
+    """Return what a shell script prints in a clean system without a network, where the folder `wheels` is /wheels.
 
     It runs as nobody, on a copy that is gone afterwards. `scratch` is an empty folder.
 
@@ -71,7 +71,7 @@ def run_inside(release: str, shared: Path, script: str, scratch: Path) -> str:
     """
     enter = ["unshare", "--mount", "--net", "--pid", "--fork", "--kill-child", "sh", "-eu", "-c", _ENTER, "enter"]
     done = subprocess.run(
-        [*enter, scratch, make_base(release), shared, script], capture_output=True, text=True, check=False
+        [*enter, scratch, make_base(release), wheels, script], capture_output=True, text=True, check=False
     )
     if done.returncode:
         raise RuntimeError(f"on {release}: {done.stdout[-4000:]}{done.stderr[-4000:]}")

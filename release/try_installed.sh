@@ -8,7 +8,7 @@ done
 
 python3 -m venv installed
 . installed/bin/activate
-pip install -q --no-index --find-links /shared "$@"
+pip install -q --no-index --find-links /wheels "$@"
 pip check -q
 for package in "$@"; do
     python -c "import $(echo "$package" | tr - _)"

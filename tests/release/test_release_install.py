@@ -69,15 +69,15 @@ def test_clean_systems_without_compiler_and_network_install_and_run_it(dist, tmp
 
     def install(release):
         make_base(release)
-        shared, scratch = tmp_path / release, tmp_path / f"{release}-root"
-        shutil.copytree(dist, shared)
+        wheels, scratch = tmp_path / release, tmp_path / f"{release}-root"
+        shutil.copytree(dist, wheels)
         scratch.mkdir()
-        download_wheels(PACKAGES, PYTHON_OF[release], shared)
+        download_wheels(PACKAGES, PYTHON_OF[release], wheels)
         for folder in (tmp_path, *tmp_path.parents[:2]):
             folder.chmod(0o755)  # the program runs as nobody
-        shutil.copy(ROOT / "release" / "try_installed.sh", shared)
+        shutil.copy(ROOT / "release" / "try_installed.sh", wheels)
         demo = "demo" if release == "bookworm" else "no-demo"  # half a minute: once is enough
-        return run_inside(release, shared, f"sh -eu /shared/try_installed.sh {demo} {' '.join(PACKAGES)}", scratch)
+        return run_inside(release, wheels, f"sh -eu /wheels/try_installed.sh {demo} {' '.join(PACKAGES)}", scratch)
 
     with ThreadPoolExecutor() as pool:
         for said in pool.map(install, PYTHON_OF):
