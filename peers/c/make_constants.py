@@ -189,6 +189,16 @@ NUMBERS: dict[str, dict[str, float]] = {
     },
 }
 
+RANGES: dict[str, messages.Range] = {
+    "rate_hz": messages.RATE_HZ,
+    "position_share": messages.POSITION_SHARE,
+    "weber_fraction": messages.Range("", perception.SMALLEST, perception.LARGEST_FRACTION, zero_allowed=True),
+    "floor_n": messages.Range("", perception.SMALLEST, perception.LARGEST_FLOOR_N, zero_allowed=True),
+    "multiplier": messages.Range("", perception.SMALLEST, perception.LARGEST_MULTIPLIER, zero_allowed=True),
+    "vibration_budget": messages.VIBRATION_BUDGET,
+    "vibration_threshold": messages.VIBRATION_THRESHOLD,
+}
+
 
 def text_of(number: float) -> str:
     """Return a number as a C constant: an int if it is one in Python, else a double."""
@@ -201,6 +211,21 @@ def parsed(number: str) -> float:
     """Return a number of the document: 0.5, 10000 or 10⁻¹²."""
     power = re.fullmatch(r"10([⁻⁰-⁹¹²³]+)", number)
     return float(f"1e{power[1].translate(SUPERSCRIPTS)}") if power else float(number)
+
+
+def in_words(smallest: float, largest: float, zero_allowed: bool, whole: bool = False) -> str:
+    """Return what a number must be, as hapticnet's own errors say it."""
+    return f"{'0 or ' if zero_allowed else ''}{'a whole number ' if whole else ''}between {smallest:g} and {largest:g}"
+
+
+def wrongs(names: list[str]) -> Iterator[tuple[str, str]]:
+    """Yield what each field of a request must be."""
+    yield "codec", f"one of {', '.join(names)}"
+    yield "name", f"at most {messages.NAME_BYTES} bytes of printable UTF-8"
+    yield "scene", f"at most {messages.NAME_BYTES} bytes of printable UTF-8"
+    yield "axes", f"1 to {MAX_AXES}"
+    for name, allowed in RANGES.items():
+        yield name, in_words(allowed.smallest, allowed.largest, allowed.zero_allowed)
 
 
 def codecs() -> Iterator[tuple[str, list[tuple[str, ...]]]]:
@@ -229,15 +254,23 @@ def lines() -> Iterator[str]:
     found = [(name, name.replace("-", "_").upper(), rows) for name, rows in codecs()]
     most = max(len(rows) for _, _, rows in found)
     yield f"#define HN_MOST_PARAMETERS {most}\n"
-    yield "/* Codecs: CODEC(symbol, name) */"
+    yield "/* What is wrong with a request, or with a slave's scene */"
+    for name, right in wrongs([name for name, _, _ in found]):
+        yield f'#define HN_WRONG_{name.upper()} "{name} must be {right}"'
+    yield ""
+    yield "/* Codecs: CODEC(symbol, name, the names of its parameters) */"
     yield "#define HN_CODECS(CODEC) \\"
-    yield " \\\n".join(f'    CODEC(HN_CODEC_{symbol}, "{name}")' for name, symbol, _ in found) + "\n"
-    yield "/* Their parameters: PARAMETER(codec, name, least, most, or zero, whole, default) */"
+    yield " \\\n".join(
+        f'    CODEC(HN_CODEC_{symbol}, "{name}", "{", ".join(row[0] for row in rows)}")' for name, symbol, rows in found
+    )
+    yield ""
+    yield "/* Their parameters: PARAMETER(codec, name, least, most, or zero, whole, default, what it must be) */"
     yield "#define HN_PARAMETERS(PARAMETER) \\"
     yield (
         " \\\n".join(
             f'    PARAMETER(HN_CODEC_{symbol}, "{key}",'
-            f" {parsed(low)!r}, {parsed(high)!r}, {int(bool(zero))}, {int(kind == 'int')}, {parsed(default)!r})"
+            f" {parsed(low)!r}, {parsed(high)!r}, {int(bool(zero))}, {int(kind == 'int')}, {parsed(default)!r},"
+            f' "{in_words(parsed(low), parsed(high), bool(zero), kind == "int")}")'
             for _, symbol, rows in found
             for key, kind, zero, low, high, default in rows
         )

@@ -114,6 +114,20 @@ def check_slave(command: Sequence[object], scene: str = "spring") -> None:
     assert (report["scene"], report["connections"], report["received"]["malformed"]) == (scene, 1, 0)
 
 
+def check_refused(command: Sequence[object], said: str) -> str:
+    """Check that a program refuses its arguments: in one line, which begins so and is returned, and with code 2."""
+    done = subprocess.run(list(map(str, command)), capture_output=True, text=True, timeout=60, check=False)
+    assert (done.returncode, done.stdout, done.stderr.count("\n")) == (2, "", 1), done.stderr
+    assert done.stderr.startswith(said), done.stderr
+    return done.stderr
+
+
+def codec_names() -> list[str]:
+    """Return the names of all codecs, in the order of the C library."""
+    header = Path(__file__).parents[1] / "c" / "include" / "hapticnet_constants.h"
+    return re.findall(r'CODEC\(HN_CODEC_\w+, "([\w-]+)"', header.read_text())
+
+
 def length_test(folder: Path, pattern: str, most: int) -> Callable[[Path], None]:
     """Return a test that each example of a peer is short, and that the README of the peer says its length.
 

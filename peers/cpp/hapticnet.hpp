@@ -103,6 +103,13 @@ inline std::uint32_t draw(void *random) noexcept
     return (*static_cast<Random *>(random))();
 }
 
+/* Say what is wrong with a request, with the value that it has. */
+inline Error error(const hn_request &request, const char *wrong)
+{
+    std::array<char, 600> text{};
+    return Error(hn_say_wrong(&request, wrong, text.data(), text.size()));
+}
+
 /* Overwrite a secret that is not used again, which a compiler would leave out. */
 inline void wipe(void *secret, std::size_t size) noexcept
 {
@@ -212,14 +219,15 @@ class Master {
         asked.announced = request_.announced;
         asked.predicted = request_.predicted;
         if (request_.parameters.size() > HN_MOST_PARAMETERS)
-            throw Error("a codec has at most " + std::to_string(HN_MOST_PARAMETERS) + " parameters");
+            throw Error("parameters has " + std::to_string(request_.parameters.size()) +
+                        " entries; a codec has at most " + std::to_string(HN_MOST_PARAMETERS));
         for (std::size_t i = 0; i < request_.parameters.size(); i++)
             asked.parameters[i] = {request_.parameters[i].first.c_str(), request_.parameters[i].second};
         more_.resize((hn_more_bytes(&asked) + sizeof(double) - 1) / sizeof(double));
         if (!more_.empty())
             asked.more = hn_more_init(more_.data(), &asked);
         if (const char *wrong = hn_master_init(&master_, &asked, detail::draw, &random_))
-            throw Error(wrong);
+            throw detail::error(asked, wrong);
     }
 
     Master(const Master &) = delete;
@@ -232,8 +240,8 @@ class Master {
     void seal(const PrivateKey &key, const Key &slave_public)
     {
         const std::uint8_t *psk = key.psk == Key{} ? nullptr : key.psk.data();
-        if (!hn_master_seal(&master_, &keys_, key.own.data(), slave_public.data(), psk))
-            throw Error("the slave's public key is not one, or libcrypto lacks X25519, as in FIPS mode");
+        if (const char *wrong = hn_master_seal(&master_, &keys_, key.own.data(), slave_public.data(), psk))
+            throw Error(wrong);
     }
 #endif
 
@@ -296,11 +304,11 @@ class Slave {
     explicit Slave(std::string scene, unsigned axes = 1, Random random = system_random())
         : scene_(std::move(scene)), random_(std::move(random))
     {
-        if (axes < 1 || axes > HN_MOST_AXES)
-            throw Error("the axes must be 1 to 3, not " + std::to_string(axes));
-        if (scene_.size() > HN_NAME_BYTES)
-            throw Error("the scene's name must be at most 64 bytes of printable UTF-8");
-        hn_slave_init(&slave_, scene_.c_str(), axes, detail::draw, &random_);
+        hn_request said{};
+        said.name = scene_.c_str();
+        said.axes = axes;
+        if (const char *wrong = hn_slave_init(&slave_, scene_.c_str(), axes, detail::draw, &random_))
+            throw detail::error(said, wrong);
     }
 
     Slave(const Slave &) = delete;
@@ -316,13 +324,16 @@ class Slave {
     /* Serve sealed sessions only, of these masters. Call it before the first datagram. */
     void seal(const PrivateKey &key, const std::vector<Listed> &masters)
     {
-        listed_.resize(masters.size());
+        std::vector<hn_listed> listed(masters.size());
         for (std::size_t i = 0; i < masters.size(); i++) {
-            std::copy_n(masters[i].public_key.begin(), 32, listed_[i].public_key);
-            std::copy_n(masters[i].psk.begin(), 32, listed_[i].psk);
+            std::copy_n(masters[i].public_key.begin(), 32, listed[i].public_key);
+            std::copy_n(masters[i].psk.begin(), 32, listed[i].psk);
         }
-        if (!hn_slave_seal(&slave_, &keys_, key.own.data(), listed_.data(), listed_.size()))
-            throw Error("libcrypto lacks X25519, as in FIPS mode");
+        if (const char *wrong = hn_slave_seal(&slave_, &keys_, key.own.data(), listed.data(), listed.size())) {
+            detail::wipe(listed.data(), listed.size() * sizeof(hn_listed));
+            throw Error(wrong);
+        }
+        listed_ = std::move(listed); /* which keeps its elements where they are */
     }
 #endif
 

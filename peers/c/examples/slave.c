@@ -3,7 +3,6 @@
  * First: build/slave [PORT]. Then: hapticnet master --connect 127.0.0.1:47800. */
 #include <arpa/inet.h>
 #include <stdio.h>
-#include <stdlib.h>
 #include <sys/random.h>
 #include <time.h>
 
@@ -26,13 +25,14 @@ static uint32_t random32(void *context)
 int main(int argc, char **argv)
 {
     static hn_slave slave;
-    struct sockaddr_in here = {.sin_family = AF_INET, .sin_port = htons((uint16_t)atoi(argc > 1 ? argv[1] : "47800"))};
-    int door = socket(AF_INET, SOCK_DGRAM, 0);
+    int port = 47800, door = socket(AF_INET, SOCK_DGRAM, 0);
+    char rest; /* after the number there must be nothing */
+    if ((argc > 1 && sscanf(argv[1], "%d%c", &port, &rest) != 1) || port < 1 || port > 65535)
+        return fputs("usage: slave [PORT]\n", stderr), 2;
+    struct sockaddr_in here = {.sin_family = AF_INET, .sin_port = htons((uint16_t)port)};
     here.sin_addr.s_addr = htonl(INADDR_LOOPBACK);
-    if (bind(door, (struct sockaddr *)&here, sizeof here) != 0) {
-        perror("bind");
-        return 2;
-    }
+    if (bind(door, (struct sockaddr *)&here, sizeof here) != 0)
+        return perror("bind"), 2;
     hn_slave_init(&slave, "spring", 1, random32, NULL);
 
     for (;;) {

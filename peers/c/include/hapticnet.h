@@ -45,8 +45,10 @@ enum { HN_ADDRESS_BYTES = 28 }; /* as large as a sockaddr_in6 */
 #include "hapticnet_state.h"
 
 /* The master: `rate_hz` times a second, call tick, force and then send, until it returns 0. Call send after receive,
- * too. `init` returns NULL or what is wrong with the request. Without a session, `position_m` is not used. */
+ * too. `init` returns NULL or what is wrong with the request: "rate_hz must be between 20 and 100000"; `hn_say_wrong`
+ * writes it with the request's value: "rate_hz is 5; it must be ...". Without a session, `position_m` is not used. */
 const char *hn_master_init(hn_master *m, const hn_request *request, hn_entropy *entropy, void *context);
+const char *hn_say_wrong(const hn_request *request, const char *wrong, char *text, size_t size);
 void hn_master_tick(hn_master *m, const double position_m[], int64_t now_us);
 void hn_master_force(hn_master *m, double force_n[], int64_t now_us);
 size_t hn_master_send(hn_master *m, uint8_t datagram[HN_DATAGRAM_BYTES]);
@@ -66,8 +68,9 @@ hn_counts hn_master_counts(const hn_master *m);
 
 /* The slave, of one master at a time, with the codecs deadband and raw. `receive` returns the size of an answer to
  * where the datagram came from, or 0. When all that has arrived was received and `position` returns true, give `answer`
- * the force there; what that returns goes to `hn_slave_master`. A force that is not finite closes the session. */
-void hn_slave_init(hn_slave *s, const char *scene, unsigned axes, hn_entropy *entropy, void *context);
+ * the force there; what that returns goes to `hn_slave_master`. A force that is not finite closes the session. `init`
+ * returns NULL or what is wrong. */
+const char *hn_slave_init(hn_slave *s, const char *scene, unsigned axes, hn_entropy *entropy, void *context);
 size_t hn_slave_receive(hn_slave *s, const void *datagram, size_t size, const void *address, size_t address_size,
                         int64_t now_us, uint8_t answer[HN_DATAGRAM_BYTES]);
 bool hn_slave_position(const hn_slave *s, double position_m[]);

@@ -181,58 +181,71 @@ enum {
 
 #define HN_MOST_PARAMETERS 5
 
-/* Codecs: CODEC(symbol, name) */
-#define HN_CODECS(CODEC) \
-    CODEC(HN_CODEC_RAW, "raw") \
-    CODEC(HN_CODEC_DEADBAND, "deadband") \
-    CODEC(HN_CODEC_ADAPTIVE_PREDICTIVE, "adaptive-predictive") \
-    CODEC(HN_CODEC_MOTION_PREDICTIVE, "motion-predictive") \
-    CODEC(HN_CODEC_LINEAR_PREDICTIVE, "linear-predictive") \
-    CODEC(HN_CODEC_LEAST_SQUARES, "least-squares") \
-    CODEC(HN_CODEC_LEVEL_CROSSING, "level-crossing") \
-    CODEC(HN_CODEC_VELOCITY_ADAPTIVE, "velocity-adaptive") \
-    CODEC(HN_CODEC_PASSIVE_EXTRAPOLATIVE, "passive-extrapolative") \
-    CODEC(HN_CODEC_PASSIVE_INTERPOLATIVE, "passive-interpolative") \
-    CODEC(HN_CODEC_PROBABILISTIC, "probabilistic") \
-    CODEC(HN_CODEC_MERGING, "merging") \
-    CODEC(HN_CODEC_MODEL_MEDIATED, "model-mediated")
+/* What is wrong with a request, or with a slave's scene */
+#define HN_WRONG_CODEC "codec must be one of raw, deadband, adaptive-predictive, motion-predictive, linear-predictive, least-squares, level-crossing, velocity-adaptive, passive-extrapolative, passive-interpolative, probabilistic, merging, model-mediated"
+#define HN_WRONG_NAME "name must be at most 64 bytes of printable UTF-8"
+#define HN_WRONG_SCENE "scene must be at most 64 bytes of printable UTF-8"
+#define HN_WRONG_AXES "axes must be 1 to 3"
+#define HN_WRONG_RATE_HZ "rate_hz must be between 20 and 100000"
+#define HN_WRONG_POSITION_SHARE "position_share must be 0 or between 0.01 and 0.9"
+#define HN_WRONG_WEBER_FRACTION "weber_fraction must be 0 or between 1e-12 and 1"
+#define HN_WRONG_FLOOR_N "floor_n must be 0 or between 1e-12 and 1e+09"
+#define HN_WRONG_MULTIPLIER "multiplier must be 0 or between 1e-12 and 1000"
+#define HN_WRONG_VIBRATION_BUDGET "vibration_budget must be between 500 and 1e+06"
+#define HN_WRONG_VIBRATION_THRESHOLD "vibration_threshold must be between 0.001 and 10"
 
-/* Their parameters: PARAMETER(codec, name, least, most, or zero, whole, default) */
+/* Codecs: CODEC(symbol, name, the names of its parameters) */
+#define HN_CODECS(CODEC) \
+    CODEC(HN_CODEC_RAW, "raw", "step_n") \
+    CODEC(HN_CODEC_DEADBAND, "deadband", "step_n") \
+    CODEC(HN_CODEC_ADAPTIVE_PREDICTIVE, "adaptive-predictive", "horizon_ms, window_ms, jump_thresholds, step_n") \
+    CODEC(HN_CODEC_MOTION_PREDICTIVE, "motion-predictive", "horizon_ms, window_ms, stiffest_n_per_m") \
+    CODEC(HN_CODEC_LINEAR_PREDICTIVE, "linear-predictive", "slope_samples, horizon_ms, step_n") \
+    CODEC(HN_CODEC_LEAST_SQUARES, "least-squares", "updates, horizon_ms, step_fraction, absolute_every, step_n") \
+    CODEC(HN_CODEC_LEVEL_CROSSING, "level-crossing", "hysteresis") \
+    CODEC(HN_CODEC_VELOCITY_ADAPTIVE, "velocity-adaptive", "speed_gain_s_m, largest_fraction, time_constant_ms, step_n") \
+    CODEC(HN_CODEC_PASSIVE_EXTRAPOLATIVE, "passive-extrapolative", "step_n") \
+    CODEC(HN_CODEC_PASSIVE_INTERPOLATIVE, "passive-interpolative", "interval_ms, step_n") \
+    CODEC(HN_CODEC_PROBABILISTIC, "probabilistic", "loss_probability, deviation_limit, step_n") \
+    CODEC(HN_CODEC_MERGING, "merging", "window_ms, step_n") \
+    CODEC(HN_CODEC_MODEL_MEDIATED, "model-mediated", "gain, first_n_per_m, deadband, blend_ms")
+
+/* Their parameters: PARAMETER(codec, name, least, most, or zero, whole, default, what it must be) */
 #define HN_PARAMETERS(PARAMETER) \
-    PARAMETER(HN_CODEC_RAW, "step_n", 1e-12, 1.0, 1, 0, 0.0) \
-    PARAMETER(HN_CODEC_DEADBAND, "step_n", 1e-12, 1.0, 1, 0, 0.0) \
-    PARAMETER(HN_CODEC_ADAPTIVE_PREDICTIVE, "horizon_ms", 1.0, 10000.0, 0, 0, 200.0) \
-    PARAMETER(HN_CODEC_ADAPTIVE_PREDICTIVE, "window_ms", 1.0, 1000.0, 0, 0, 17.0) \
-    PARAMETER(HN_CODEC_ADAPTIVE_PREDICTIVE, "jump_thresholds", 0.1, 10.0, 1, 0, 0.0) \
-    PARAMETER(HN_CODEC_ADAPTIVE_PREDICTIVE, "step_n", 1e-12, 1.0, 1, 0, 0.0) \
-    PARAMETER(HN_CODEC_MOTION_PREDICTIVE, "horizon_ms", 1.0, 10000.0, 0, 0, 200.0) \
-    PARAMETER(HN_CODEC_MOTION_PREDICTIVE, "window_ms", 1.0, 1000.0, 0, 0, 17.0) \
-    PARAMETER(HN_CODEC_MOTION_PREDICTIVE, "stiffest_n_per_m", 1.0, 60000.0, 0, 0, 10000.0) \
-    PARAMETER(HN_CODEC_LINEAR_PREDICTIVE, "slope_samples", 2.0, 64.0, 0, 1, 5.0) \
-    PARAMETER(HN_CODEC_LINEAR_PREDICTIVE, "horizon_ms", 1.0, 10000.0, 0, 0, 100.0) \
-    PARAMETER(HN_CODEC_LINEAR_PREDICTIVE, "step_n", 1e-12, 1.0, 1, 0, 0.0) \
-    PARAMETER(HN_CODEC_LEAST_SQUARES, "updates", 2.0, 16.0, 0, 1, 2.0) \
-    PARAMETER(HN_CODEC_LEAST_SQUARES, "horizon_ms", 1.0, 10000.0, 0, 0, 100.0) \
-    PARAMETER(HN_CODEC_LEAST_SQUARES, "step_fraction", 0.01, 1.0, 0, 0, 0.5) \
-    PARAMETER(HN_CODEC_LEAST_SQUARES, "absolute_every", 1.0, 127.0, 0, 1, 16.0) \
-    PARAMETER(HN_CODEC_LEAST_SQUARES, "step_n", 1e-12, 1.0, 1, 0, 0.0) \
-    PARAMETER(HN_CODEC_LEVEL_CROSSING, "hysteresis", 0.0, 0.5, 0, 0, 0.25) \
-    PARAMETER(HN_CODEC_VELOCITY_ADAPTIVE, "speed_gain_s_m", 0.0, 1000.0, 0, 0, 0.5) \
-    PARAMETER(HN_CODEC_VELOCITY_ADAPTIVE, "largest_fraction", 0.0, 1.0, 0, 0, 0.25) \
-    PARAMETER(HN_CODEC_VELOCITY_ADAPTIVE, "time_constant_ms", 0.0, 10000.0, 0, 0, 10.0) \
-    PARAMETER(HN_CODEC_VELOCITY_ADAPTIVE, "step_n", 1e-12, 1.0, 1, 0, 0.0) \
-    PARAMETER(HN_CODEC_PASSIVE_EXTRAPOLATIVE, "step_n", 1e-12, 1.0, 1, 0, 0.0) \
-    PARAMETER(HN_CODEC_PASSIVE_INTERPOLATIVE, "interval_ms", 0.0, 1000.0, 0, 0, 20.0) \
-    PARAMETER(HN_CODEC_PASSIVE_INTERPOLATIVE, "step_n", 1e-12, 1.0, 1, 0, 0.0) \
-    PARAMETER(HN_CODEC_PROBABILISTIC, "loss_probability", 0.0, 0.9, 0, 0, 0.1) \
-    PARAMETER(HN_CODEC_PROBABILISTIC, "deviation_limit", 0.001, 1.0, 0, 0, 0.05) \
-    PARAMETER(HN_CODEC_PROBABILISTIC, "step_n", 1e-12, 1.0, 1, 0, 0.0) \
-    PARAMETER(HN_CODEC_MERGING, "window_ms", 0.0, 10000.0, 0, 0, 10.0) \
-    PARAMETER(HN_CODEC_MERGING, "step_n", 1e-12, 1.0, 1, 0, 0.0) \
-    PARAMETER(HN_CODEC_MODEL_MEDIATED, "gain", 0.0, 10000.0, 0, 0, 0.1) \
-    PARAMETER(HN_CODEC_MODEL_MEDIATED, "first_n_per_m", 1.0, 1000000.0, 0, 0, 200.0) \
-    PARAMETER(HN_CODEC_MODEL_MEDIATED, "deadband", 0.0, 1.0, 0, 0, 0.1) \
-    PARAMETER(HN_CODEC_MODEL_MEDIATED, "blend_ms", 0.0, 10000.0, 0, 0, 50.0)
+    PARAMETER(HN_CODEC_RAW, "step_n", 1e-12, 1.0, 1, 0, 0.0, "0 or between 1e-12 and 1") \
+    PARAMETER(HN_CODEC_DEADBAND, "step_n", 1e-12, 1.0, 1, 0, 0.0, "0 or between 1e-12 and 1") \
+    PARAMETER(HN_CODEC_ADAPTIVE_PREDICTIVE, "horizon_ms", 1.0, 10000.0, 0, 0, 200.0, "between 1 and 10000") \
+    PARAMETER(HN_CODEC_ADAPTIVE_PREDICTIVE, "window_ms", 1.0, 1000.0, 0, 0, 17.0, "between 1 and 1000") \
+    PARAMETER(HN_CODEC_ADAPTIVE_PREDICTIVE, "jump_thresholds", 0.1, 10.0, 1, 0, 0.0, "0 or between 0.1 and 10") \
+    PARAMETER(HN_CODEC_ADAPTIVE_PREDICTIVE, "step_n", 1e-12, 1.0, 1, 0, 0.0, "0 or between 1e-12 and 1") \
+    PARAMETER(HN_CODEC_MOTION_PREDICTIVE, "horizon_ms", 1.0, 10000.0, 0, 0, 200.0, "between 1 and 10000") \
+    PARAMETER(HN_CODEC_MOTION_PREDICTIVE, "window_ms", 1.0, 1000.0, 0, 0, 17.0, "between 1 and 1000") \
+    PARAMETER(HN_CODEC_MOTION_PREDICTIVE, "stiffest_n_per_m", 1.0, 60000.0, 0, 0, 10000.0, "between 1 and 60000") \
+    PARAMETER(HN_CODEC_LINEAR_PREDICTIVE, "slope_samples", 2.0, 64.0, 0, 1, 5.0, "a whole number between 2 and 64") \
+    PARAMETER(HN_CODEC_LINEAR_PREDICTIVE, "horizon_ms", 1.0, 10000.0, 0, 0, 100.0, "between 1 and 10000") \
+    PARAMETER(HN_CODEC_LINEAR_PREDICTIVE, "step_n", 1e-12, 1.0, 1, 0, 0.0, "0 or between 1e-12 and 1") \
+    PARAMETER(HN_CODEC_LEAST_SQUARES, "updates", 2.0, 16.0, 0, 1, 2.0, "a whole number between 2 and 16") \
+    PARAMETER(HN_CODEC_LEAST_SQUARES, "horizon_ms", 1.0, 10000.0, 0, 0, 100.0, "between 1 and 10000") \
+    PARAMETER(HN_CODEC_LEAST_SQUARES, "step_fraction", 0.01, 1.0, 0, 0, 0.5, "between 0.01 and 1") \
+    PARAMETER(HN_CODEC_LEAST_SQUARES, "absolute_every", 1.0, 127.0, 0, 1, 16.0, "a whole number between 1 and 127") \
+    PARAMETER(HN_CODEC_LEAST_SQUARES, "step_n", 1e-12, 1.0, 1, 0, 0.0, "0 or between 1e-12 and 1") \
+    PARAMETER(HN_CODEC_LEVEL_CROSSING, "hysteresis", 0.0, 0.5, 0, 0, 0.25, "between 0 and 0.5") \
+    PARAMETER(HN_CODEC_VELOCITY_ADAPTIVE, "speed_gain_s_m", 0.0, 1000.0, 0, 0, 0.5, "between 0 and 1000") \
+    PARAMETER(HN_CODEC_VELOCITY_ADAPTIVE, "largest_fraction", 0.0, 1.0, 0, 0, 0.25, "between 0 and 1") \
+    PARAMETER(HN_CODEC_VELOCITY_ADAPTIVE, "time_constant_ms", 0.0, 10000.0, 0, 0, 10.0, "between 0 and 10000") \
+    PARAMETER(HN_CODEC_VELOCITY_ADAPTIVE, "step_n", 1e-12, 1.0, 1, 0, 0.0, "0 or between 1e-12 and 1") \
+    PARAMETER(HN_CODEC_PASSIVE_EXTRAPOLATIVE, "step_n", 1e-12, 1.0, 1, 0, 0.0, "0 or between 1e-12 and 1") \
+    PARAMETER(HN_CODEC_PASSIVE_INTERPOLATIVE, "interval_ms", 0.0, 1000.0, 0, 0, 20.0, "between 0 and 1000") \
+    PARAMETER(HN_CODEC_PASSIVE_INTERPOLATIVE, "step_n", 1e-12, 1.0, 1, 0, 0.0, "0 or between 1e-12 and 1") \
+    PARAMETER(HN_CODEC_PROBABILISTIC, "loss_probability", 0.0, 0.9, 0, 0, 0.1, "between 0 and 0.9") \
+    PARAMETER(HN_CODEC_PROBABILISTIC, "deviation_limit", 0.001, 1.0, 0, 0, 0.05, "between 0.001 and 1") \
+    PARAMETER(HN_CODEC_PROBABILISTIC, "step_n", 1e-12, 1.0, 1, 0, 0.0, "0 or between 1e-12 and 1") \
+    PARAMETER(HN_CODEC_MERGING, "window_ms", 0.0, 10000.0, 0, 0, 10.0, "between 0 and 10000") \
+    PARAMETER(HN_CODEC_MERGING, "step_n", 1e-12, 1.0, 1, 0, 0.0, "0 or between 1e-12 and 1") \
+    PARAMETER(HN_CODEC_MODEL_MEDIATED, "gain", 0.0, 10000.0, 0, 0, 0.1, "between 0 and 10000") \
+    PARAMETER(HN_CODEC_MODEL_MEDIATED, "first_n_per_m", 1.0, 1000000.0, 0, 0, 200.0, "between 1 and 1e+06") \
+    PARAMETER(HN_CODEC_MODEL_MEDIATED, "deadband", 0.0, 1.0, 0, 0, 0.1, "between 0 and 1") \
+    PARAMETER(HN_CODEC_MODEL_MEDIATED, "blend_ms", 0.0, 10000.0, 0, 0, 50.0, "between 0 and 10000")
 
 /* Places of the parameters among those of their codec */
 enum { HN_RAW_STEP_N };

@@ -29,9 +29,9 @@ typedef struct {
 } hn_master_keys;
 
 /* Let a master, after its init, ask for sealed sessions only: with its private key, the slave's public key and, unless
- * NULL, a key that both share. Return false if the slave's key is of low order. `keys` stays where it is. */
-bool hn_master_seal(hn_master *m, hn_master_keys *keys, const hn_key own_private, const hn_key slave_public,
-                    const uint8_t *psk);
+ * NULL, a key that both share. Return NULL or what is wrong. `keys` stays where it is. */
+const char *hn_master_seal(hn_master *m, hn_master_keys *keys, const hn_key own_private, const hn_key slave_public,
+                           const uint8_t *psk);
 
 /* A master that a slave serves, and the key that both share, or zeros. */
 typedef struct {
@@ -49,8 +49,10 @@ typedef struct {
     hn_transport granted, transports[2]; /* of the session, and of the half-open one */
 } hn_slave_keys;
 
-/* Let a slave, after its init, serve sealed sessions only, of the listed masters. `keys` and `listed` stay. */
-bool hn_slave_seal(hn_slave *s, hn_slave_keys *keys, const hn_key own_private, const hn_listed *listed, size_t count);
+/* Let a slave, after its init, serve sealed sessions only, of the listed masters. Return NULL or what is wrong. `keys`
+ * and `listed` stay. */
+const char *hn_slave_seal(hn_slave *s, hn_slave_keys *keys, const hn_key own_private, const hn_listed *listed,
+                          size_t count);
 
 #ifdef __cplusplus
 }

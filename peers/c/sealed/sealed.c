@@ -5,6 +5,8 @@
 #include "hapticnet_sealed.h"
 #include "messages.h"
 
+static const char NO_X25519[] = "libcrypto lacks X25519, as in FIPS mode";
+
 enum { NOISE1_BYTES = 2 * HN_KEY_BYTES + 2 * HN_TAG_BYTES, NOISE2_BYTES = HN_KEY_BYTES + HN_TAG_BYTES };
 
 static void store32(uint8_t *at, uint32_t number)
@@ -277,10 +279,20 @@ static bool open_of_master(void *keys, unsigned stream, const uint8_t *data, siz
     return open_with(&((hn_master_keys *)keys)->transports[stream], data, size, sequence, body, plain);
 }
 
-bool hn_master_seal(hn_master *m, hn_master_keys *keys, const hn_key own_private, const hn_key slave_public,
-                    const uint8_t *psk)
+/* Close a master that cannot be sealed, so that it asks for nothing if its program goes on. */
+static const char *closed(hn_master *m, const char *wrong)
+{
+    m->state = HN_CLOSED;
+    m->asking = false;
+    return wrong;
+}
+
+const char *hn_master_seal(hn_master *m, hn_master_keys *keys, const hn_key own_private, const hn_key slave_public,
+                           const uint8_t *psk)
 {
     static const hn_sealing sealing = {ask, hello, read_answer, use, seal_of_master, open_of_master};
+    if (m->sealing != NULL || m->tried) /* the stream that it has would get keys of zeros */
+        return "a master is sealed once, before its first tick";
     memset(keys, 0, sizeof *keys);
     memcpy(keys->own_private, own_private, HN_KEY_BYTES);
     memcpy(keys->slave_public, slave_public, HN_KEY_BYTES);
@@ -289,8 +301,11 @@ bool hn_master_seal(hn_master *m, hn_master_keys *keys, const hn_key own_private
     keys->has_psk = psk != NULL;
     m->sealing = &sealing;
     m->keys = keys;
-    return hn_public_of(keys->own_public, own_private) &&
-           hn_shared_secret(keys->static_shared, own_private, slave_public);
+    if (!hn_public_of(keys->own_public, own_private))
+        return closed(m, NO_X25519);
+    if (!hn_shared_secret(keys->static_shared, own_private, slave_public))
+        return closed(m, "the slave's public key is none; 'hapticnet key public' prints it on the slave's host");
+    return NULL;
 }
 
 /* What a slave calls */
@@ -373,15 +388,20 @@ static bool open_of_slave(void *keys, unsigned transport, const uint8_t *data, s
     return open_with(&((hn_slave_keys *)keys)->transports[transport], data, size, sequence, body, plain);
 }
 
-bool hn_slave_seal(hn_slave *s, hn_slave_keys *keys, const hn_key own_private, const hn_listed *listed, size_t count)
+const char *hn_slave_seal(hn_slave *s, hn_slave_keys *keys, const hn_key own_private, const hn_listed *listed,
+                          size_t count)
 {
     static const hn_slave_sealing sealing = {is_for_us,    read_noise1,   is_listed,    write_noise2,
                                              use_of_slave, seal_of_slave, open_of_slave};
+    if (s->sealing != NULL || s->next_cookie > 0) /* a session that it has would get keys of zeros */
+        return "a slave is sealed once, before its first datagram";
     memset(keys, 0, sizeof *keys);
     memcpy(keys->own_private, own_private, HN_KEY_BYTES);
-    keys->listed = listed;
-    keys->count = count;
     s->sealing = &sealing;
     s->keys = keys;
-    return hn_public_of(keys->own_public, own_private);
+    if (!hn_public_of(keys->own_public, own_private))
+        return NO_X25519;
+    keys->listed = listed;
+    keys->count = count;
+    return NULL;
 }

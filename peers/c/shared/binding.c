@@ -1,6 +1,7 @@
 /* Nodes on the heap, whose numbers have names. */
 #include "hapticnet_binding.h"
 
+#include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
@@ -30,6 +31,8 @@ typedef struct {
 #endif
 } held_slave;
 
+static const char NO_MEMORY[] = "there is no memory for it";
+
 /* Overwrite memory that is freed next, which a compiler would leave out. */
 static void wipe(void *memory, size_t size)
 {
@@ -38,26 +41,23 @@ static void wipe(void *memory, size_t size)
         *at++ = 0;
 }
 
-static bool copy(char to[HN_NAME_BYTES + 1], const char *text)
+#ifdef HN_SEALED
+static void free_listed(hn_listed *listed, size_t count)
 {
-    if (text == NULL || strlen(text) > HN_NAME_BYTES)
-        return false;
-    strcpy(to, text);
-    return true;
+    if (listed != NULL)
+        wipe(listed, count * sizeof *listed);
+    free(listed);
+}
+#endif
+
+/* Return a copy of a text, or the text itself if it is one that the library refuses. */
+static const char *copy(char to[HN_NAME_BYTES + 1], const char *text)
+{
+    return text == NULL || strlen(text) > HN_NAME_BYTES ? text : strcpy(to, text);
 }
 
-static const char *set_parameter(held_master *held, hn_request *request, const char *name, double value)
-{
-    for (unsigned i = 0; i < HN_MOST_PARAMETERS; i++)
-        if (request->parameters[i].name == NULL && copy(held->parameters[i], name)) {
-            request->parameters[i] = (hn_parameter){held->parameters[i], value};
-            return NULL;
-        }
-    return "the codec has no such parameter, or too many are given";
-}
-
-/* Set a number of a request by its name. */
-static const char *set(held_master *held, hn_request *request, const char *name, double value)
+/* Set a number of a request by its name; return whether it has one of this name. */
+static bool set(hn_request *request, const char *name, double value)
 {
     const struct {
         const char *name;
@@ -72,39 +72,48 @@ static const char *set(held_master *held, hn_request *request, const char *name,
     for (unsigned i = 0; i < sizeof numbers / sizeof *numbers; i++)
         if (strcmp(numbers[i].name, name) == 0) {
             *numbers[i].value = value;
-            return NULL;
+            return true;
         }
     if (strcmp(name, "axes") == 0)
-        request->axes = value >= 1.0 && value <= HN_MOST_AXES ? (unsigned)value : 0;
+        request->axes = (unsigned)value;
     else if (strcmp(name, "announced") == 0)
         request->announced = value != 0.0;
     else if (strcmp(name, "predicted") == 0)
         request->predicted = value != 0.0;
     else
-        return set_parameter(held, request, name, value);
-    return NULL;
+        return false;
+    return true;
 }
 
-static const char *fill(held_master *held, hn_request *request, const char *codec, const char *name,
-                        const char *const names[], const double values[], size_t count)
+/* Fill a request; return false, with what is wrong, if that must be said here. */
+static bool fill(held_master *held, hn_request *request, const char *const names[], const double values[],
+                 size_t count, char wrong[HN_ERROR_BYTES])
 {
-    const char *wrong = NULL;
-    if (!copy(held->codec, codec))
-        return "there is no such codec";
-    if (!copy(held->name, name))
-        return "the name must be at most 64 bytes of printable UTF-8";
-    request->codec = held->codec;
-    request->name = held->name;
-    for (size_t i = 0; i < count && wrong == NULL; i++)
-        wrong = set(held, request, names[i], values[i]);
-    size_t more_bytes = wrong == NULL ? hn_more_bytes(request) : 0;
-    if (more_bytes == 0)
-        return wrong;
-    held->more = malloc(more_bytes);
-    if (held->more == NULL)
-        return "there is no memory";
+    unsigned parameters = 0;
+    for (size_t i = 0; i < count; i++) {
+        if (strcmp(names[i], "axes") == 0 && !(values[i] >= 1.0 && values[i] <= HN_MOST_AXES)) {
+            snprintf(wrong, HN_ERROR_BYTES, "axes is %.12g; it must be 1 to %d", values[i], HN_MOST_AXES);
+            return false;
+        }
+        if (set(request, names[i], values[i]))
+            continue;
+        if (parameters < HN_MOST_PARAMETERS)
+            request->parameters[parameters] = (hn_parameter){copy(held->parameters[parameters], names[i]), values[i]};
+        parameters++;
+    }
+    if (parameters > HN_MOST_PARAMETERS) {
+        snprintf(wrong, HN_ERROR_BYTES, "parameters has %u entries; a codec has at most %d", parameters,
+                 HN_MOST_PARAMETERS);
+        return false;
+    }
+    size_t more_bytes = hn_more_bytes(request);
+    held->more = more_bytes > 0 ? malloc(more_bytes) : NULL;
+    if (more_bytes > 0 && held->more == NULL) {
+        snprintf(wrong, HN_ERROR_BYTES, "%s", NO_MEMORY);
+        return false;
+    }
     request->more = hn_more_init(held->more, request);
-    return NULL;
+    return true;
 }
 
 static void free_held(held_master *held)
@@ -117,7 +126,7 @@ static void free_held(held_master *held)
 }
 
 hn_master *hn_make_master(const char *codec, const char *name, const char *const names[], const double values[],
-                          size_t count, hn_entropy *entropy, void *context, const char **wrong)
+                          size_t count, hn_entropy *entropy, void *context, char wrong[HN_ERROR_BYTES])
 {
     hn_request request = {
         .weber_fraction = HN_DEFAULT_WEBER_FRACTION,
@@ -127,29 +136,35 @@ hn_master *hn_make_master(const char *codec, const char *name, const char *const
         .axes = 1,
     };
     held_master *held = calloc(1, sizeof *held);
-    *wrong = held == NULL ? "there is no memory" : fill(held, &request, codec, name, names, values, count);
-    if (*wrong == NULL)
-        *wrong = hn_master_init(&held->master, &request, entropy, context);
-    if (*wrong == NULL)
+    snprintf(wrong, HN_ERROR_BYTES, "%s", NO_MEMORY);
+    if (held == NULL)
+        return NULL;
+    request.codec = copy(held->codec, codec);
+    request.name = copy(held->name, name);
+    bool is_filled = fill(held, &request, names, values, count, wrong);
+    const char *refused = is_filled ? hn_master_init(&held->master, &request, entropy, context) : NULL;
+    if (is_filled && refused == NULL)
         return &held->master;
+    if (refused != NULL)
+        hn_say_wrong(&request, refused, wrong, HN_ERROR_BYTES);
     free_held(held);
     return NULL;
 }
 
-hn_slave *hn_make_slave(const char *scene, unsigned axes, hn_entropy *entropy, void *context, const char **wrong)
+hn_slave *hn_make_slave(const char *scene, unsigned axes, hn_entropy *entropy, void *context,
+                        char wrong[HN_ERROR_BYTES])
 {
     held_slave *held = calloc(1, sizeof *held);
-    *wrong = held == NULL                      ? "there is no memory"
-             : axes < 1 || axes > HN_MOST_AXES ? "the axes must be 1 to 3"
-             : !copy(held->scene, scene) || !hn_is_text(hn_text(scene), HN_NAME_BYTES)
-                 ? "the scene's name must be at most 64 bytes of printable UTF-8"
-                                               : NULL;
-    if (*wrong != NULL) {
-        free(held);
+    snprintf(wrong, HN_ERROR_BYTES, "%s", NO_MEMORY);
+    if (held == NULL)
         return NULL;
-    }
-    hn_slave_init(&held->slave, held->scene, axes, entropy, context);
-    return &held->slave;
+    const char *refused = hn_slave_init(&held->slave, copy(held->scene, scene), axes, entropy, context);
+    if (refused == NULL)
+        return &held->slave;
+    hn_request said = {.name = scene, .axes = axes};
+    hn_say_wrong(&said, refused, wrong, HN_ERROR_BYTES);
+    free(held);
+    return NULL;
 }
 
 void hn_free_master(hn_master *m)
@@ -163,9 +178,7 @@ void hn_free_slave(hn_slave *s)
     if (held == NULL)
         return;
 #ifdef HN_SEALED
-    if (held->listed != NULL)
-        wipe(held->listed, held->keys.count * sizeof *held->listed);
-    free(held->listed);
+    free_listed(held->listed, held->keys.count);
 #endif
     wipe(held, sizeof *held);
     free(held);
@@ -191,7 +204,7 @@ uint32_t hn_slave_count(const hn_slave *s, const char *name)
 
 const char *hn_codec_name(unsigned index)
 {
-#define NAME_OF(symbol, name) name,
+#define NAME_OF(symbol, name, parameters) name,
     static const char *const names[] = {HN_CODECS(NAME_OF)};
     return index < sizeof names / sizeof *names ? names[index] : NULL;
 }
@@ -216,23 +229,22 @@ unsigned hn_most_axes(void)
 const char *hn_seal_master(hn_master *m, const uint8_t own_private[32], const uint8_t slave_public[32],
                            const uint8_t *psk)
 {
-    if (m->sealing != NULL || m->tried) /* the stream that it has would get keys of zeros */
-        return "a master is sealed once, before its first tick";
-    bool good = hn_master_seal(m, &((held_master *)m)->keys, own_private, slave_public, psk);
-    return good ? NULL : "the slave's public key is not one, or libcrypto lacks X25519, as in FIPS mode";
+    return hn_master_seal(m, &((held_master *)m)->keys, own_private, slave_public, psk);
 }
 
 const char *hn_seal_slave(hn_slave *s, const uint8_t own_private[32], const uint8_t *masters, size_t count)
 {
     held_slave *held = (held_slave *)s;
-    if (held->listed != NULL)
-        return "this slave is sealed already";
-    held->listed = calloc(count + 1, sizeof *held->listed);
-    if (held->listed == NULL)
-        return "there is no memory";
-    memcpy(held->listed, masters, count * sizeof *held->listed);
-    bool good = hn_slave_seal(s, &held->keys, own_private, held->listed, count);
-    return good ? NULL : "libcrypto lacks X25519, as in FIPS mode";
+    hn_listed *listed = calloc(count + 1, sizeof *listed);
+    if (listed == NULL)
+        return NO_MEMORY;
+    memcpy(listed, masters, count * sizeof *listed);
+    const char *wrong = hn_slave_seal(s, &held->keys, own_private, listed, count);
+    if (held->keys.listed == listed)
+        held->listed = listed;
+    else
+        free_listed(listed, count);
+    return wrong;
 }
 
 const char *hn_read_key(const char *path, uint8_t private_key[32], uint8_t psk[32], char wrong[HN_ERROR_BYTES])

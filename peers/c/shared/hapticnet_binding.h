@@ -11,10 +11,12 @@ extern "C" {
 #endif
 
 /* Make a master. `names` and `values` are numbers of the request (those of hn_request) and parameters of its codec;
- * the others have their defaults. All texts are copied. NULL: `wrong` says what is wrong. */
+ * the others have their defaults. All texts are copied. NULL: `wrong` says what is wrong, with the value. */
+enum { HN_ERROR_BYTES = 600 };
 hn_master *hn_make_master(const char *codec, const char *name, const char *const names[], const double values[],
-                          size_t count, hn_entropy *entropy, void *context, const char **wrong);
-hn_slave *hn_make_slave(const char *scene, unsigned axes, hn_entropy *entropy, void *context, const char **wrong);
+                          size_t count, hn_entropy *entropy, void *context, char wrong[HN_ERROR_BYTES]);
+hn_slave *hn_make_slave(const char *scene, unsigned axes, hn_entropy *entropy, void *context,
+                        char wrong[HN_ERROR_BYTES]);
 void hn_free_master(hn_master *m); /* these overwrite keys */
 void hn_free_slave(hn_slave *s);
 
@@ -25,7 +27,6 @@ const char *hn_seal_master(hn_master *m, const uint8_t own_private[32], const ui
 const char *hn_seal_slave(hn_slave *s, const uint8_t own_private[32], const uint8_t *masters, size_t count);
 
 /* Read a key file, or the list of masters, as hapticnet_keys.h has it. NULL, or `wrong`. */
-enum { HN_ERROR_BYTES = 600 };
 const char *hn_read_key(const char *path, uint8_t private_key[32], uint8_t psk[32], char wrong[HN_ERROR_BYTES]);
 const char *hn_read_masters(const char *path, uint8_t *masters, size_t most, size_t *count, char wrong[HN_ERROR_BYTES]);
 

@@ -103,25 +103,27 @@ const char *hn_take_settings(const hn_request *request, hn_settings *s)
         .floor_n = request->floor_n,
         .multiplier = request->multiplier,
     };
-    hn_set_defaults(s);
-    for (unsigned i = 0; i < HN_MOST_PARAMETERS && request->parameters[i].name != NULL; i++)
-        if (!hn_set(s, hn_text(request->parameters[i].name), request->parameters[i].value))
-            return "the codec has no such parameter, or its value is out of range";
     if (s->codec == HN_CODEC_UNKNOWN)
-        return "there is no such codec";
+        return HN_WRONG_CODEC;
+    hn_set_defaults(s);
+    const char *wrong = NULL;
+    for (unsigned i = 0; i < HN_MOST_PARAMETERS && request->parameters[i].name != NULL && wrong == NULL; i++)
+        wrong = hn_set(s, hn_text(request->parameters[i].name), request->parameters[i].value);
+    if (wrong == NULL)
+        wrong = hn_law_wrong(s);
+    if (wrong != NULL)
+        return wrong;
     if (s->axes < 1 || s->axes > HN_MOST_AXES)
-        return "the axes must be 1 to 3";
+        return HN_WRONG_AXES;
     if (!(HN_LEAST_RATE_HZ <= request->rate_hz && request->rate_hz <= HN_MOST_RATE_HZ))
-        return "the rate must be 20 to 100000 Hz";
+        return HN_WRONG_RATE_HZ;
     if (request->position_share != 0.0 &&
         !(HN_LEAST_SHARE <= request->position_share && request->position_share <= HN_MOST_SHARE))
-        return "the share of positions must be 0, or 0.01 to 0.9";
-    if (!request_has_memory(request))
-        return "few positions, announced contact and codecs that follow the hand need memory from hn_more_init of this request";
-    if (!hn_law_is_allowed(s))
-        return "the just-noticeable difference is out of range";
+        return HN_WRONG_POSITION_SHARE;
     if (request->name == NULL || !hn_is_text(hn_text(request->name), HN_NAME_BYTES))
-        return "the name must be at most 64 bytes of printable UTF-8";
+        return HN_WRONG_NAME;
+    if (!request_has_memory(request))
+        return "more must be what hn_more_init makes of this request";
     return NULL;
 }
 

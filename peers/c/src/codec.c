@@ -12,13 +12,13 @@
 
 static const struct {
     int codec;
-    const char *name;
+    const char *name, *wrong;
     double least, most;
     bool or_zero, whole;
     double by_default;
 } PARAMETERS[] = {
-#define ROW(codec, name, least, most, or_zero, whole, by_default) \
-    {codec, name, least, most, or_zero, whole, by_default},
+#define ROW(codec, name, least, most, or_zero, whole, by_default, right) \
+    {codec, name, name " must be " right, least, most, or_zero, whole, by_default},
     HN_PARAMETERS(ROW)
 #undef ROW
 };
@@ -32,7 +32,7 @@ static bool is(hn_bytes text, const char *name)
 
 int hn_codec_named(hn_bytes name)
 {
-#define CASE(symbol, text) \
+#define CASE(symbol, text, parameters) \
     if (is(name, text)) \
         return symbol;
     HN_CODECS(CASE)
@@ -64,15 +64,24 @@ static bool is_allowed(unsigned row, double value)
            (!PARAMETERS[row].whole || value == floor(value));
 }
 
-bool hn_set(hn_settings *s, hn_bytes name, double value)
+/* What a parameter of a codec must be that has none of this name. */
+static const char *no_such_parameter(int codec)
+{
+#define WRONG(symbol, name, parameters) "parameter must be one of " name "'s: " parameters,
+    static const char *const wrong[] = {HN_CODECS(WRONG)};
+#undef WRONG
+    return codec < HN_CODEC_UNKNOWN ? wrong[codec] : HN_WRONG_CODEC;
+}
+
+const char *hn_set(hn_settings *s, hn_bytes name, double value)
 {
     unsigned first = first_row(s->codec);
     for (unsigned row = first; row < ROWS && PARAMETERS[row].codec == s->codec; row++)
         if (is(name, PARAMETERS[row].name)) {
             s->set[row - first] = value;
-            return is_allowed(row, value);
+            return is_allowed(row, value) ? NULL : PARAMETERS[row].wrong;
         }
-    return false;
+    return no_such_parameter(s->codec);
 }
 
 bool hn_get(const hn_settings *s, const char *name, double *value)
@@ -91,11 +100,13 @@ static bool is_zero_or(double value, double least, double most)
     return value == 0.0 || (least <= value && value <= most);
 }
 
-bool hn_law_is_allowed(const hn_settings *s)
+const char *hn_law_wrong(const hn_settings *s)
 {
-    return is_zero_or(s->weber_fraction, HN_LEAST_LAW, HN_MOST_WEBER_FRACTION) &&
-           is_zero_or(s->floor_n, HN_LEAST_LAW, HN_MOST_FLOOR_N) &&
-           is_zero_or(s->multiplier, HN_LEAST_LAW, HN_MOST_MULTIPLIER);
+    if (!is_zero_or(s->weber_fraction, HN_LEAST_LAW, HN_MOST_WEBER_FRACTION))
+        return HN_WRONG_WEBER_FRACTION;
+    if (!is_zero_or(s->floor_n, HN_LEAST_LAW, HN_MOST_FLOOR_N))
+        return HN_WRONG_FLOOR_N;
+    return is_zero_or(s->multiplier, HN_LEAST_LAW, HN_MOST_MULTIPLIER) ? NULL : HN_WRONG_MULTIPLIER;
 }
 
 double hn_threshold(const hn_settings *s, double size_n)

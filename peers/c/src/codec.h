@@ -5,14 +5,14 @@
 #include "hapticnet.h"
 #include "pack.h"
 
-#define HN_CODEC_OF(symbol, name) symbol,
+#define HN_CODEC_OF(symbol, name, parameters) symbol,
 enum { HN_CODECS(HN_CODEC_OF) HN_CODEC_UNKNOWN };
 
 int hn_codec_named(hn_bytes name);
-void hn_set_defaults(hn_settings *s);                     /* of its codec */
-bool hn_set(hn_settings *s, hn_bytes name, double value); /* whether that is allowed */
+void hn_set_defaults(hn_settings *s);                            /* of its codec */
+const char *hn_set(hn_settings *s, hn_bytes name, double value); /* NULL, or what is wrong */
 bool hn_get(const hn_settings *s, const char *name, double *value); /* whether there is such a parameter */
-bool hn_law_is_allowed(const hn_settings *s);
+const char *hn_law_wrong(const hn_settings *s); /* NULL, or what is wrong with its law */
 
 double hn_threshold(const hn_settings *s, double size_n);
 double hn_limit(double component);

@@ -200,15 +200,20 @@ void hn_master_close(hn_master *m, const char *reason, int64_t now_us)
 const char *hn_master_init(hn_master *m, const hn_request *request, hn_entropy *entropy, void *context)
 {
     hn_settings settings;
+    const char *wrong = hn_take_settings(request, &settings);
     memset(m, 0, sizeof *m);
-    m->request = *request;
     m->entropy = entropy;
     m->context = context;
     m->now = m->felt = m->streams;
     m->refused_wait_us = HN_REFUSED_RETRY_US;
+    if (wrong != NULL) { /* it does nothing, and its force has no axes */
+        m->state = HN_CLOSED;
+        return wrong;
+    }
+    m->request = *request;
     hn_hold_init(&m->hold, request->axes);
     hn_ask(m);
-    return hn_take_settings(request, &settings);
+    return NULL;
 }
 
 hn_state hn_master_state(const hn_master *m)

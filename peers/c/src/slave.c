@@ -58,6 +58,28 @@ static bool is_in(double value, double least, double most)
     return least <= value && value <= most;
 }
 
+/* Take the numbers of a request; return NULL or what is wrong with one. */
+static const char *number_wrong(const hn_asked *asked, hn_settings *settings)
+{
+    const char *wrong = NULL;
+    hn_set_defaults(settings);
+    for (unsigned i = 0; i < asked->count && wrong == NULL; i++)
+        wrong = hn_set(settings, asked->parameters[i].name, asked->parameters[i].value);
+    if (wrong == NULL)
+        wrong = hn_law_wrong(settings);
+    if (wrong != NULL)
+        return wrong;
+    if (!is_in(asked->rate_hz, HN_LEAST_RATE_HZ, HN_MOST_RATE_HZ))
+        return HN_WRONG_RATE_HZ;
+    if (asked->position_share != 0.0 && !is_in(asked->position_share, HN_LEAST_SHARE, HN_MOST_SHARE))
+        return HN_WRONG_POSITION_SHARE;
+    if (asked->vibrates && !is_in(asked->vibration_budget, HN_LEAST_VIBRATION_BUDGET, HN_MOST_VIBRATION_BUDGET))
+        return HN_WRONG_VIBRATION_BUDGET;
+    if (asked->vibrates && !is_in(asked->vibration_threshold, HN_LEAST_VIBRATION, HN_MOST_VIBRATION))
+        return HN_WRONG_VIBRATION_THRESHOLD;
+    return NULL;
+}
+
 /* Take the settings of a request; return 0 or, with a reason, the code with which it is refused. */
 static unsigned refusal_of(const hn_slave *s, const hn_asked *asked, hn_settings *settings, const char **reason)
 {
@@ -74,18 +96,12 @@ static unsigned refusal_of(const hn_slave *s, const hn_asked *asked, hn_settings
     *reason = "this slave has no couplings";
     if (asked->coupled)
         return HN_CODE_CODEC;
-    *reason = "the codec has no such parameter, or its value is out of range";
-    hn_set_defaults(settings);
-    for (unsigned i = 0; i < asked->count; i++)
-        if (!hn_set(settings, asked->parameters[i].name, asked->parameters[i].value))
-            return HN_CODE_PARAMETER;
-    *reason = "a number of the request is out of range";
-    if (!hn_law_is_allowed(settings) || !is_in(asked->rate_hz, HN_LEAST_RATE_HZ, HN_MOST_RATE_HZ) ||
-        !(asked->position_share == 0.0 || is_in(asked->position_share, HN_LEAST_SHARE, HN_MOST_SHARE)) ||
-        (asked->vibrates && !(is_in(asked->vibration_budget, HN_LEAST_VIBRATION_BUDGET, HN_MOST_VIBRATION_BUDGET) &&
-                              is_in(asked->vibration_threshold, HN_LEAST_VIBRATION, HN_MOST_VIBRATION))))
+    *reason = number_wrong(asked, settings);
+    if (*reason != NULL)
         return HN_CODE_PARAMETER;
-    *reason = "the scene has another number of axes";
+    *reason = s->axes == 1   ? "axes must be 1, as the scene's"
+              : s->axes == 2 ? "axes must be 2, as the scene's"
+                             : "axes must be 3, as the scene's";
     if (asked->axes != s->axes)
         return HN_CODE_AXES;
     *reason = "the scene has no parts but one force";
@@ -442,14 +458,18 @@ size_t hn_slave_close(hn_slave *s, const char *reason, unsigned code, uint8_t da
     return s->open ? write_close(s, reason, code, datagram) : 0;
 }
 
-void hn_slave_init(hn_slave *s, const char *scene, unsigned axes, hn_entropy *entropy, void *context)
+const char *hn_slave_init(hn_slave *s, const char *scene, unsigned axes, hn_entropy *entropy, void *context)
 {
+    const char *wrong = axes < 1 || axes > HN_MOST_AXES                                    ? HN_WRONG_AXES
+                        : scene == NULL || !hn_is_text(hn_text(scene), HN_NAME_BYTES) ? HN_WRONG_SCENE
+                                                                                           : NULL;
     memset(s, 0, sizeof *s);
-    s->scene = hn_is_text(hn_text(scene), HN_NAME_BYTES) ? scene : "";
-    s->axes = axes;
+    s->scene = wrong == NULL ? scene : "";
+    s->axes = wrong == NULL ? axes : 0; /* it refuses every request then */
     s->fastest_rate_hz = HN_FASTEST_RATE_HZ;
     s->entropy = entropy;
     s->context = context;
+    return wrong;
 }
 
 const void *hn_slave_master(const hn_slave *s, size_t *size)

@@ -196,10 +196,10 @@ static void make_decoder(void)
 {
     hn_request r = request();
     hn_settings s = {hn_codec_named(hn_text(r.codec)), r.axes, {0}, r.weber_fraction, r.floor_n, r.multiplier};
-    bool good = s.codec != HN_CODEC_UNKNOWN && hn_law_is_allowed(&s);
+    bool good = s.codec != HN_CODEC_UNKNOWN && hn_law_wrong(&s) == NULL;
     hn_set_defaults(&s);
     for (unsigned i = 0; i < HN_MOST_PARAMETERS && r.parameters[i].name != NULL; i++)
-        good = good && hn_set(&s, hn_text(r.parameters[i].name), r.parameters[i].value);
+        good = good && hn_set(&s, hn_text(r.parameters[i].name), r.parameters[i].value) == NULL;
     if (!good)
         fail("there is no such decoder");
     hn_decoder_init(&decoder, &s);
@@ -217,10 +217,10 @@ static void seal(void)
         if (strcmp(fields[2 * i + 2], "-") != 0)
             key(fields[2 * i + 2], listed[i].psk);
     }
-    if (role == ANY || (role == MASTER && !hn_master_seal(&master, &master_keys, own, listed[0].public_key,
-                                                          strcmp(fields[2], "-") == 0 ? NULL : listed[0].psk)))
+    if (role == ANY || (role == MASTER && hn_master_seal(&master, &master_keys, own, listed[0].public_key,
+                                                          strcmp(fields[2], "-") == 0 ? NULL : listed[0].psk) != NULL))
         fail("the key is of low order, or there is no node");
-    if (role == SLAVE && !hn_slave_seal(&slave, &slave_keys, own, listed, count / 2))
+    if (role == SLAVE && hn_slave_seal(&slave, &slave_keys, own, listed, count / 2) != NULL)
         fail("the keys are refused");
 }
 

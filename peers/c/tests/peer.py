@@ -52,7 +52,7 @@ def load(folder: Path) -> Any:
     """Return the library that was built there."""
     lib = ctypes.CDLL(str(folder / "shim.so"))
     lib.shim_bytes.restype = ctypes.c_size_t
-    for name in ("hn_master_seal", "hn_slave_seal", "shim_decoder", "shim_decode", "shim_is_text"):
+    for name in ("shim_decoder", "shim_decode", "shim_is_text"):
         getattr(lib, name).restype = ctypes.c_bool
     for name in ("shim_read_model", "shim_read_line", "shim_read_bound"):
         getattr(lib, name).restype = ctypes.c_bool
@@ -65,7 +65,14 @@ def load(folder: Path) -> Any:
         "hn_more_bytes",
     ):
         getattr(lib, name).restype = ctypes.c_size_t
-    for name in ("hn_master_init", "hn_master_reason", "hn_master_scene"):
+    for name in (
+        "hn_master_init",
+        "hn_master_seal",
+        "hn_slave_init",
+        "hn_slave_seal",
+        "hn_master_reason",
+        "hn_master_scene",
+    ):
         getattr(lib, name).restype = ctypes.c_char_p
     lib.hn_slave_position.restype = ctypes.c_bool
     lib.hn_more_init.restype = ctypes.c_void_p
@@ -147,8 +154,8 @@ class Master:
     def seal(self, private: bytes, slave_public: bytes, psk: bytes | None) -> bool:
         """Ask for sealed sessions only."""
         self._keys = state(self._lib, b"keys")
-        good: bool = self._lib.hn_master_seal(self._state, self._keys, private, slave_public, psk)
-        return good
+        wrong = self._lib.hn_master_seal(self._state, self._keys, private, slave_public, psk)
+        return wrong is None
 
     def tick(self, now_us: int) -> None:
         self.position_m = tuple(self._hand(now_us - (self._start_us or now_us)))
@@ -215,8 +222,8 @@ class Slave:
         """Serve sealed sessions only, of masters by their public key and the key that both share."""
         self._keys, self._listed = state(self._lib, b"slave keys"), b"".join(map(b"".join, masters))
         count = ctypes.c_size_t(len(masters))
-        good: bool = self._lib.hn_slave_seal(self._state, self._keys, private, self._listed, count)
-        return good
+        wrong = self._lib.hn_slave_seal(self._state, self._keys, private, self._listed, count)
+        return wrong is None
 
     def receive_datagram(self, data: bytes, address: Any, now_us: int) -> None:
         place, now = repr(address).encode()[:28], ctypes.c_int64(now_us)

@@ -22,10 +22,10 @@ bool shim_decoder(hn_decoder *d, const char *codec, unsigned axes, double weber_
                   double multiplier, unsigned count, const char *const names[], const double values[])
 {
     hn_settings s = {hn_codec_named(hn_text(codec)), axes, {0}, weber_fraction, floor_n, multiplier};
-    bool good = s.codec != HN_CODEC_UNKNOWN && hn_law_is_allowed(&s);
+    bool good = s.codec != HN_CODEC_UNKNOWN && hn_law_wrong(&s) == NULL;
     hn_set_defaults(&s);
     for (unsigned i = 0; i < count; i++)
-        good = good && hn_set(&s, hn_text(names[i]), values[i]);
+        good = good && hn_set(&s, hn_text(names[i]), values[i]) == NULL;
     hn_decoder_init(d, &s);
     return good;
 }

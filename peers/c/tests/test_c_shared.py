@@ -39,17 +39,16 @@ def declared(*headers):
     return {name for header in headers for name in DECLARED.findall((peer.HERE / header).read_text())}
 
 
-def make_master(lib, **numbers):
-    """Return whether a master was made, and what was wrong."""
-    wrong = ctypes.c_char_p()
+def make_master(lib, codec=b"deadband", **numbers):
+    """Return None if a master is made, or what is wrong."""
+    wrong = ctypes.create_string_buffer(lib.hn_error_bytes())
     names = (ctypes.c_char_p * len(numbers))(*(name.encode() for name in numbers))
     values = (ctypes.c_double * len(numbers))(*numbers.values())
     entropy = peer.Entropy(lambda _: 7)
-    made = lib.hn_make_master(b"deadband", b"a", names, values, ctypes.c_size_t(len(numbers)), entropy, None,
-                              ctypes.byref(wrong))  # fmt: skip
+    made = lib.hn_make_master(codec, b"a", names, values, ctypes.c_size_t(len(numbers)), entropy, None, wrong)
     if made:
         lib.hn_free_master(ctypes.c_void_p(made))
-    return bool(made), wrong.value
+    return None if made else wrong.value.decode()
 
 
 def read_key(lib, path):
@@ -87,14 +86,35 @@ def test_without_libcrypto_the_library_says_so(tmp_path):
 
 
 def test_a_master_is_made_by_the_names_of_its_numbers(shared):
-    assert make_master(shared) == (True, None)
-    assert make_master(shared, rate_hz=500.0, axes=3.0, step_n=0.01, multiplier=2.0) == (True, None)
-    assert make_master(shared, rate_hz=5.0) == (False, b"the rate must be 20 to 100000 Hz")
-    assert make_master(shared, axes=4.0) == (False, b"the axes must be 1 to 3")
-    made, wrong = make_master(shared, stepn=0.01)
-    assert not made
-    assert b"parameter" in wrong
-    assert not make_master(shared, **{f"p{i}": 0.0 for i in range(7)})[0]
+    assert make_master(shared) is None
+    assert make_master(shared, rate_hz=500.0, axes=3.0, step_n=0.01, multiplier=2.0) is None
+
+
+WRONG = {
+    "rate_hz is 5; it must be between 20 and 100000": {"rate_hz": 5.0},
+    "rate_hz is nan; it must be between 20 and 100000": {"rate_hz": float("nan")},
+    "axes is 4; it must be 1 to 3": {"axes": 4.0},
+    "weber_fraction is 2; it must be 0 or between 1e-12 and 1": {"weber_fraction": 2.0},
+    "floor_n is -1; it must be 0 or between 1e-12 and 1e+09": {"floor_n": -1.0},
+    "multiplier is 1e-13; it must be 0 or between 1e-12 and 1000": {"multiplier": 1e-13},
+    "position_share is 1; it must be 0 or between 0.01 and 0.9": {"position_share": 1.0},
+    "step_n is 2; it must be 0 or between 1e-12 and 1": {"step_n": 2.0},
+    "parameter is 'stepn'; it must be one of deadband's: step_n": {"step_n": 0.5, "stepn": 0.01},
+    f"parameter is '{'p' * 128}'; it must be one of deadband's: step_n": {"p" * 999: 0.01},
+    "parameters has 7 entries; a codec has at most 5": {f"p{i}": 0.0 for i in range(7)},
+}
+
+
+@pytest.mark.parametrize("said", WRONG)
+def test_an_error_states_the_value_seen_and_what_would_be_right(shared, said):
+    assert make_master(shared, **WRONG[said]) == said
+
+
+def test_an_unknown_codec_is_refused_with_the_names_of_all(shared):
+    said = make_master(shared, codec=b"lossless")
+    names = [shared.hn_codec_name(i).decode() for i in range(13)]
+    assert shared.hn_codec_name(13) is None
+    assert said == f"codec is 'lossless'; it must be one of {', '.join(names)}"
 
 
 def test_its_defaults_are_those_of_hapticnet():
@@ -105,22 +125,23 @@ def test_its_defaults_are_those_of_hapticnet():
 
 
 def test_the_scene_of_a_slave_must_have_a_name_that_its_master_takes(shared):
-    wrong = ctypes.c_char_p()
+    wrong = ctypes.create_string_buffer(shared.hn_error_bytes())
     entropy = peer.Entropy(lambda _: 7)
     for scene, axes in ((b"x" * 65, 1), (b"a\nb", 1), (b"spring", 0), (b"spring", 4)):
-        assert not shared.hn_make_slave(scene, axes, entropy, None, ctypes.byref(wrong))
-        assert b"must be" in wrong.value
-    made = shared.hn_make_slave(b"spring", 3, entropy, None, ctypes.byref(wrong))
+        assert not shared.hn_make_slave(scene, axes, entropy, None, wrong)
+        seen = f"axes is {axes}" if scene == b"spring" else f"scene is '{scene.decode()}'"
+        assert wrong.value.decode().startswith(f"{seen}; it must be ")
+    made = shared.hn_make_slave(b"spring", 3, entropy, None, wrong)
     assert made
     assert shared.hn_seal_slave(ctypes.c_void_p(made), SLAVE.private, MASTER.public + PSK, ctypes.c_size_t(1)) is None
     shared.hn_free_slave(ctypes.c_void_p(made))
 
 
 def test_a_master_is_sealed_once_before_its_first_tick(shared):
-    wrong, entropy = ctypes.c_char_p(), peer.Entropy(lambda _: 7)
+    wrong, entropy = ctypes.create_string_buffer(shared.hn_error_bytes()), peer.Entropy(lambda _: 7)
     for begins in (False, True):
         made = ctypes.c_void_p(
-            shared.hn_make_master(b"raw", b"a", None, None, ctypes.c_size_t(0), entropy, None, ctypes.byref(wrong))
+            shared.hn_make_master(b"raw", b"a", None, None, ctypes.c_size_t(0), entropy, None, wrong)
         )
         if begins:
             shared.hn_master_tick(made, None, ctypes.c_int64(0))

@@ -3,7 +3,6 @@
 #include <arpa/inet.h>
 #include <cmath>
 #include <cstdio>
-#include <cstdlib>
 #include <thread>
 #include <unistd.h>
 
@@ -15,15 +14,19 @@ try {
     request.name = "smallest";
     hapticnet::Master master(request);
 
+    int port = 47800, link = socket(AF_INET, SOCK_DGRAM, 0);
+    double seconds = 5.0;
+    char rest; // after a number there must be nothing
+    const bool good = (argc < 3 || std::sscanf(argv[2], "%d%c", &port, &rest) == 1) && 1 <= port && port <= 65535 &&
+                      (argc < 4 || std::sscanf(argv[3], "%lf%c", &seconds, &rest) == 1) && 0 < seconds &&
+                      seconds <= 1e6;
     sockaddr_in slave{};
     slave.sin_family = AF_INET;
-    slave.sin_port = htons(static_cast<std::uint16_t>(std::atoi(argc > 2 ? argv[2] : "47800")));
-    int link = socket(AF_INET, SOCK_DGRAM, 0);
-    if (inet_pton(AF_INET, argc > 1 ? argv[1] : "127.0.0.1", &slave.sin_addr) != 1 ||
+    slave.sin_port = htons(static_cast<std::uint16_t>(port));
+    if (!good || inet_pton(AF_INET, argc > 1 ? argv[1] : "127.0.0.1", &slave.sin_addr) != 1 ||
         connect(link, reinterpret_cast<sockaddr *>(&slave), sizeof slave) != 0)
-        throw hapticnet::Error("the first argument must be an IPv4 address");
+        throw hapticnet::Error("usage: master [IPv4-ADDRESS [PORT [SECONDS]]]");
 
-    const double seconds = argc > 3 ? std::atof(argv[3]) : 5.0;
     std::uint8_t data[hapticnet::RECEIVE_BYTES];
     const auto start = std::chrono::steady_clock::now();
     for (int tick = 0; !master.is_closed(); tick++) {

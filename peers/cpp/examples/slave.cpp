@@ -1,7 +1,6 @@
 // A slave with a spring of 300 N/m behind 20 mm. First: slave [PORT]. Then: hapticnet master --connect 127.0.0.1:47800
 #include <arpa/inet.h>
 #include <cstdio>
-#include <cstdlib>
 
 #include "hapticnet.hpp"
 
@@ -9,9 +8,13 @@ int main(int argc, char **argv)
 try {
     hapticnet::Slave slave("spring");
 
+    int port = 47800;
+    char rest; // after the number there must be nothing
+    if ((argc > 1 && std::sscanf(argv[1], "%d%c", &port, &rest) != 1) || port < 1 || port > 65535)
+        throw hapticnet::Error("usage: slave [PORT]");
     sockaddr_in here{}, from{};
     here.sin_family = AF_INET;
-    here.sin_port = htons(static_cast<std::uint16_t>(std::atoi(argc > 1 ? argv[1] : "47800")));
+    here.sin_port = htons(static_cast<std::uint16_t>(port));
     here.sin_addr.s_addr = htonl(INADDR_LOOPBACK);
     int door = socket(AF_INET, SOCK_DGRAM, 0);
     if (bind(door, reinterpret_cast<sockaddr *>(&here), sizeof here) != 0)

@@ -137,7 +137,7 @@ class Adapter {
     static std::string features()
     {
         std::string codecs;
-#define NAME_OF(symbol, name) name,
+#define NAME_OF(symbol, name, parameters) name,
         for (const std::string codec : {HN_CODECS(NAME_OF)})
             // Like the codecs that follow the hand, hapticnet's master bounds this one: without that, they differ.
             if (has(codec) && (codec != "velocity-adaptive" || has("motion-predictive")))

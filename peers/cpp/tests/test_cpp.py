@@ -7,7 +7,17 @@ from pathlib import Path
 
 import pytest
 
-from conformance.programs import check_felt, free_port, length_test, need, running_slave, taken_port, write_keys
+from conformance.programs import (
+    check_felt,
+    check_refused,
+    codec_names,
+    free_port,
+    length_test,
+    need,
+    running_slave,
+    taken_port,
+    write_keys,
+)
 from conformance.session import SLAVE
 from hapticnet.protocol.keys import format_key
 
@@ -86,11 +96,19 @@ int main()
     say([] { hapticnet::Request r; r.rate_hz = 5.0; hapticnet::Master m(r); });
     say([] { hapticnet::Request r; r.codec = "deadbnad"; hapticnet::Master m(r); });
     say([] { hapticnet::Request r; r.parameters = {{"step_n", 2.0}}; hapticnet::Master m(r); });
+    say([] { hapticnet::Request r; r.parameters = {{"step_n", 0.5}, {"stepn", 0.5}}; hapticnet::Master m(r); });
+    say([] { hapticnet::Request r; r.floor_n = -1.0; hapticnet::Master m(r); });
     say([] { hapticnet::Request r; r.parameters.assign(6, {"step_n", 0.5}); hapticnet::Master m(r); });
     say([] { hapticnet::Request r; r.parameters = {{"step_n", 0.5}}; hapticnet::Master m(r); });
     say([] { hapticnet::Slave s("spring", 4); });
+    say([] { hapticnet::Slave s(std::string(65, 'x')); });
     say([] { hapticnet::parse_key("abc"); });
     say([] { hapticnet::Master m(hapticnet::Request{}); m.seal(hapticnet::PrivateKey(hapticnet::Key{1}), {}); });
+    say([] {
+        hapticnet::Master m(hapticnet::Request{});
+        m.tick(hapticnet::now());
+        m.seal(hapticnet::PrivateKey(hapticnet::Key{1}), hapticnet::Key{9});
+    });
 }
 """
 
@@ -100,14 +118,18 @@ def test_what_is_wrong_is_an_error_with_the_text_of_the_library(built, tmp_path)
     compile_against(built, tmp_path / "wrong")
     said = subprocess.check_output([tmp_path / "wrong"], text=True).splitlines()
     assert said == [
-        "the rate must be 20 to 100000 Hz",
-        "there is no such codec",
-        "the codec has no such parameter, or its value is out of range",
-        "a codec has at most 5 parameters",
+        "rate_hz is 5; it must be between 20 and 100000",
+        f"codec is 'deadbnad'; it must be one of {', '.join(codec_names())}",
+        "step_n is 2; it must be 0 or between 1e-12 and 1",
+        "parameter is 'stepn'; it must be one of deadband's: step_n",
+        "floor_n is -1; it must be 0 or between 1e-12 and 1e+09",
+        "parameters has 6 entries; a codec has at most 5",
         "fine",
-        "the axes must be 1 to 3, not 4",
+        "axes is 4; it must be 1 to 3",
+        f"scene is '{'x' * 65}'; it must be at most 64 bytes of printable UTF-8",
         "a key is 44 characters of base64 that end in '=' (32 bytes); this has 3 characters",
-        "the slave's public key is not one, or libcrypto lacks X25519, as in FIPS mode",
+        "the slave's public key is none; 'hapticnet key public' prints it on the slave's host",
+        "a master is sealed once, before its first tick",
     ]
 
 
@@ -140,6 +162,24 @@ def test_it_is_installed_with_the_c_library_and_found_by_pkg_config(tmp_path):
     with taken_port() as port:
         done = subprocess.run([tmp_path / "slave", str(port)], capture_output=True, text=True, timeout=30)
     assert (done.returncode, done.stderr) == (2, "this port is taken; name another one\n")
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ("master", "127.0.0.1", "x"),
+        ("master", "127.0.0.1", "99999"),
+        ("master", "nonsense"),
+        ("master", "::1"),
+        ("master", "127.0.0.1", "47800", "x"),
+        ("master", "127.0.0.1", "47800", "nan"),
+        ("slave", "x"),
+        ("slave", "99999"),
+    ],
+)
+def test_an_example_refuses_wrong_arguments_with_its_usage(built, arguments):
+    program, *wrong = arguments
+    check_refused([built / program, *wrong], f"usage: {program} [")
 
 
 test_an_example_is_short_and_its_length_is_in_the_readme = length_test(HERE, "*.cpp", 50)

@@ -16,9 +16,11 @@ internal static class SmallestSlave
 {
     private static int Main(string[] arguments)
     {
-        int port = arguments.Length > 0 ? int.Parse(arguments[0]) : 47800;
+        int port = 47800;
         try
         {
+            if (arguments.Length > 0 && !int.TryParse(arguments[0], out port))
+                throw new HapticException("usage: SmallestSlave.exe [PORT]");
             var link = new SlaveLink("127.0.0.1", port, "spring", 1, new Spring());
             Console.WriteLine("listening on 127.0.0.1:" + link.Port);
         }

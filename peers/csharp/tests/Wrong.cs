@@ -61,6 +61,7 @@ internal static class Wrong
         Say(() => new Master(new Request { Codec = "deadbnad" }));
         Say(() => new Master(new Request { Name = new string('x', 65) }));
         Say(() => new Master(new Request { Axes = 4 }));
+        Say(() => new Master(new Request { Axes = -1 }));
         Say(() => new Master(new Request { Parameters = { { "stepn", 0.1 } } }));
         Say(() => new Master(new Request { Parameters = { { "step_n", 0.1 } } }).Dispose());
         Say(() => new Slave("spring", 0));

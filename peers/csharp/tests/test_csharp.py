@@ -9,7 +9,17 @@ from pathlib import Path
 
 import pytest
 
-from conformance.programs import check_felt, check_slave, length_test, need, running_slave, taken_port, write_keys
+from conformance.programs import (
+    check_felt,
+    check_refused,
+    check_slave,
+    codec_names,
+    length_test,
+    need,
+    running_slave,
+    taken_port,
+    write_keys,
+)
 from conformance.session import SLAVE
 from hapticnet.protocol.keys import format_key
 
@@ -62,6 +72,21 @@ def test_a_master_of_hapticnet_feels_the_spring_of_a_slave(built):
     check_slave(["mono", built / "SmallestSlave.exe"])
 
 
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (("SmallestMaster", "127.0.0.1", "x"), "usage: SmallestMaster.exe [HOST [PORT [SECONDS]]]"),
+        (("SmallestMaster", "127.0.0.1", "99999"), "the port is 99999; it must be 1 to 65535"),
+        (("SmallestMaster", "127.0.0.1", "47800", "x"), "usage: SmallestMaster.exe [HOST [PORT [SECONDS]]]"),
+        (("SmallestSlave", "x"), "usage: SmallestSlave.exe [PORT]"),
+        (("SmallestSlave", "99999"), "the port is 99999; it must be 0 to 65535"),
+    ],
+)
+def test_an_example_refuses_wrong_arguments_in_one_line(built, arguments, said):
+    program, *wrong = arguments
+    assert check_refused(["mono", built / f"{program}.exe", *wrong], said) == f"{said}\n"
+
+
 def test_a_link_allocates_nothing_while_it_ticks(built):
     """With a nursery of 64 kB, 16 bytes a tick would be seen."""
     with running_slave() as port:
@@ -99,18 +124,19 @@ def test_what_is_wrong_is_one_sentence(built):
     done = run(built, "Wrong")
     assert done.stderr == ""
     assert done.stdout.splitlines() == [
-        "the rate must be 20 to 100000 Hz",
-        "there is no such codec",
-        "the name must be at most 64 bytes of printable UTF-8",
-        "the axes must be 1 to 3",
-        "the codec has no such parameter, or its value is out of range",
+        "rate_hz is 5; it must be between 20 and 100000",
+        f"codec is 'deadbnad'; it must be one of {', '.join(codec_names())}",
+        f"name is '{'x' * 65}'; it must be at most 64 bytes of printable UTF-8",
+        "axes is 4; it must be 1 to 3",
+        "axes is -1; it must be 1 to 3",
+        "parameter is 'stepn'; it must be one of deadband's: step_n",
         "fine",
-        "the axes must be 1 to 3",
+        "axes is 0; it must be 1 to 3",
         "a key is 44 characters of base64 that end in '=' (32 bytes); this has 3 characters",
         "the private key has 31 bytes; a key has 32",
         "/nonexistent/key.toml does not exist; 'hapticnet key new' makes a key",
         "/nonexistent/masters.toml does not exist; 'hapticnet key new' makes a key",
-        "the slave's public key is not one, or libcrypto lacks X25519, as in FIPS mode",
+        "the slave's public key is none; 'hapticnet key public' prints it on the slave's host",
         "the position has 1 elements; it needs one for each axis: 2",
         "the buffer has 100 bytes; a datagram can have 1200",
         "the datagram is said to have 4 bytes, but the array has 3",

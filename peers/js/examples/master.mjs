@@ -3,6 +3,10 @@
 import { createSocket } from "node:dgram";
 import { Master, now, overSocket, run } from "hapticnet";
 
+process.on("uncaughtException", ({ message }) => {
+  console.error(message); // a line for people, without a stack
+  process.exit(2);
+});
 const [address = "127.0.0.1", port = "47800", seconds = "5"] = process.argv.slice(2);
 const socket = createSocket("udp4");
 const startUs = now();

@@ -87,7 +87,7 @@ EXPORT(masterInit) const char *master_init(unsigned parameters)
 /* `keys` has the master's private key, the slave's public key and, if there is one, the key that both share. */
 EXPORT(masterSeal) bool master_seal(bool has_psk)
 {
-    return hn_master_seal(&master, &master_keys, io.keys[0], io.keys[1], has_psk ? io.keys[2] : NULL);
+    return hn_master_seal(&master, &master_keys, io.keys[0], io.keys[1], has_psk ? io.keys[2] : NULL) == NULL;
 }
 
 EXPORT(masterTick) void master_tick(double now_us, bool has_position)
@@ -116,16 +116,16 @@ EXPORT(masterReason) const char *master_reason(void) { return hn_master_reason(&
 EXPORT(masterCode) unsigned master_code(void) { return io.code; } /* of the reason that was read */
 EXPORT(masterCounts) void master_counts(void) { io.counts = hn_master_counts(&master); }
 
-/* `text` has the scene's name. */
-EXPORT(slaveInit) void slave_init(unsigned axes)
+/* `text` has the scene's name. Return what is wrong, or NULL. */
+EXPORT(slaveInit) const char *slave_init(unsigned axes)
 {
-    hn_slave_init(&slave, io.text, axes, random32, NULL);
+    return hn_slave_init(&slave, io.text, axes, random32, NULL);
 }
 
 /* `keys` has the slave's private key; the masters that it serves are at `listed`. */
 EXPORT(slaveSeal) bool slave_seal(const hn_listed *listed, size_t count)
 {
-    return hn_slave_seal(&slave, &slave_keys, io.keys[0], listed, count);
+    return hn_slave_seal(&slave, &slave_keys, io.keys[0], listed, count) == NULL;
 }
 
 EXPORT(slaveReceive) size_t slave_receive(size_t size, size_t address_size, double now_us)
@@ -173,10 +173,10 @@ EXPORT(decoderInit) bool decoder_init(unsigned parameters)
     s.weber_fraction = request.weber_fraction;
     s.floor_n = request.floor_n;
     s.multiplier = request.multiplier;
-    bool good = s.codec != HN_CODEC_UNKNOWN && hn_law_is_allowed(&s);
+    bool good = s.codec != HN_CODEC_UNKNOWN && hn_law_wrong(&s) == NULL;
     hn_set_defaults(&s);
     for (unsigned i = 0; i < parameters; i++)
-        good = hn_set(&s, hn_text(request.parameters[i].name), request.parameters[i].value) && good;
+        good = hn_set(&s, hn_text(request.parameters[i].name), request.parameters[i].value) == NULL && good;
     hn_decoder_init(&decoder, &s);
     return good;
 }

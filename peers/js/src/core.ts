@@ -2,15 +2,15 @@
 import packed from "../build/hapticnet.wasm.txt";
 import { primitives } from "./crypto.js";
 
-/** Largest datagram of the protocol [bytes]. */
+/** Largest datagram of the protocol [bytes]. @internal */
 export const DATAGRAM_BYTES = 1200;
-/** Most axes of a position. */
+/** Most axes of a position. @internal */
 export const MOST_AXES = 3;
 const TEXT_BYTES = 1024;
 const KEY_BYTES = 32;
 const PAGE_BYTES = 65536;
 
-/** What `bridge.c` exports. */
+/** What `bridge.c` exports. @internal */
 interface Exports {
   memory: WebAssembly.Memory;
   data(): number;
@@ -32,7 +32,7 @@ interface Exports {
   masterReason(): number;
   masterCode(): number;
   masterCounts(): void;
-  slaveInit(axes: number): void;
+  slaveInit(axes: number): number;
   slaveSeal(listed: number, count: number): number;
   slaveReceive(size: number, addressSize: number, nowUs: number): number;
   slavePosition(): number;
@@ -77,7 +77,7 @@ function systemRandom32(): number {
   return crypto.getRandomValues(new Uint32Array(1))[0] as number;
 }
 
-/** An instance of the library, and what passes between it and TypeScript. */
+/** An instance of the library, and what passes between it and TypeScript. @internal */
 export class Core {
   readonly call: Exports;
   readonly #bytes: (at: number, size: number) => Uint8Array;
@@ -106,7 +106,7 @@ export class Core {
   /** Give the library texts that stay; RangeError if they are too long. */
   putTexts(texts: readonly string[]): void {
     const bytes = new TextEncoder().encode(texts.map((each) => each.replaceAll("\0", "") + "\0").join(""));
-    if (bytes.length > TEXT_BYTES) throw new RangeError("the names of a request have at most 1,000 bytes together");
+    if (bytes.length > TEXT_BYTES) throw new RangeError(`the names have ${bytes.length} bytes; they must have at most 1,000`);
     this.#bytes(this.call.text(), bytes.length).set(bytes);
   }
 
@@ -155,13 +155,26 @@ export class Core {
   }
 }
 
-/** Check a time; RangeError unless it is a whole number of microseconds. */
+/**
+ * Say what the library says is wrong, "rate_hz must be ...", with the option's value: "rateHz is 5; it must be ...".
+ *
+ * @param values - the options by their names, and the codec's parameters by theirs
+ * @internal
+ */
+export function sayWrong(wrong: string, values: Readonly<Record<string, unknown>>): string {
+  const [field = "", right] = wrong.split(" must be ");
+  const name = field in values ? field : field.replace(/_./g, (each) => each.charAt(1).toUpperCase());
+  const value = values[name];
+  return `${name} is ${typeof value === "string" ? `'${value}'` : value}; it must be ${right}`;
+}
+
+/** Check a time; RangeError unless it is a whole number of microseconds. @internal */
 export function checkNow(nowUs: number): void {
   if (!Number.isSafeInteger(nowUs))
     throw new RangeError(`nowUs is ${nowUs}; it must be a whole number of microseconds, such as now() gives`);
 }
 
-/** Check a vector; RangeError unless it has a number for each axis. */
+/** Check a vector; RangeError unless it has a number for each axis. @internal */
 export function checkVector(name: string, vector: readonly number[], axes: number): void {
   if (vector.length !== axes || !vector.every((each) => typeof each === "number"))
     throw new RangeError(`${name} is [${vector.join(", ")}]; it must have ${axes} ${axes === 1 ? "number" : "numbers"}`);

@@ -9,22 +9,22 @@ const NONCE_BYTES = 12;
 /** BLAKE2s for `hmac`, whose type does not allow options. */
 const hash = blake2s as unknown as Parameters<typeof hmac>[0];
 
-/** Compute the public key of a private one, both 32 bytes. */
+/** Compute the public key of a private one, both 32 bytes. @internal */
 export function x25519Public(privateKey: Uint8Array): Uint8Array {
   return x25519.getPublicKey(privateKey);
 }
 
-/** Compute the secret of two keys; throws if the public one is of low order. */
+/** Compute the secret of two keys; throws if the public one is of low order. @internal */
 export function x25519Secret(privateKey: Uint8Array, publicKey: Uint8Array): Uint8Array {
   return x25519.getSharedSecret(privateKey, publicKey);
 }
 
-/** Hash some bytes to 28 bytes, which stand for an address. */
+/** Hash some bytes to 28 bytes, which stand for an address. @internal */
 export function shorten(data: Uint8Array): Uint8Array {
   return blake2s(data, { dkLen: 28 });
 }
 
-/** Make the functions that the library calls, on the memory that `view` shows: `view(at, size)`. */
+/** Make the functions that the library calls, on the memory that `view` shows: `view(at, size)`. @internal */
 export function primitives(view: (at: number, size: number) => Uint8Array): Record<string, CallableFunction> {
   const key = (at: number) => view(at, KEY_BYTES);
   /** Write what a function computes; return whether it could. */

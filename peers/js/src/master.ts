@@ -1,4 +1,4 @@
-import { Core, MOST_AXES, checkNow, checkVector, type Counts, type Random32 } from "./core.js";
+import { Core, MOST_AXES, checkNow, checkVector, sayWrong, type Counts, type Random32 } from "./core.js";
 import { checkPublic, formatKey, parseKey, publicKey, type Key } from "./keys.js";
 
 /** The keys that a master needs for a sealed session. */
@@ -102,7 +102,11 @@ export class Master {
     const law = [weberFraction, floorN, multiplier, rateHz, axes, positionShare, Number(announced), Number(predicted)];
     this.#core.putNumbers([...law, ...named.map(([, value]) => value)]);
     const wrong = this.#core.call.masterInit(named.length);
-    if (wrong !== 0) throw new RangeError(`${this.#core.textAt(wrong)}: ${describe({ codec, name, axes, rateHz, ...options })}`);
+    if (wrong !== 0) {
+      const sentence = this.#core.textAt(wrong);
+      const parameter = Object.keys(parameters).find((key) => !sentence.split(/[ ,]+/).includes(key));
+      throw new RangeError(sayWrong(sentence, { ...parameters, ...options, parameter }));
+    }
     if (options.keys !== undefined) this.#seal(options.keys);
   }
 
@@ -175,9 +179,4 @@ export class Master {
     this.#core.call.masterCounts();
     return this.#core.takeCounts();
   }
-}
-
-/** Say what was asked for, without its keys. */
-function describe({ keys: _keys, random32: _random32, ...options }: MasterOptions): string {
-  return JSON.stringify(options);
 }

@@ -1,4 +1,4 @@
-import { Core, MOST_AXES, checkNow, checkVector, type Counts, type Random32 } from "./core.js";
+import { Core, MOST_AXES, checkNow, checkVector, sayWrong, type Counts, type Random32 } from "./core.js";
 import { shorten } from "./crypto.js";
 import { checkPublic, parseKey, type Key } from "./keys.js";
 
@@ -45,7 +45,8 @@ export class Slave {
     this.axes = axes;
     this.#core = new Core(random32);
     this.#core.putTexts([scene]);
-    this.#core.call.slaveInit(axes);
+    const wrong = this.#core.call.slaveInit(axes);
+    if (wrong !== 0) throw new RangeError(sayWrong(this.#core.textAt(wrong), { scene }));
     if (keys === undefined) return;
     const listed = keys.masters.map(({ public: key, psk }, i) => {
       const bytes = new Uint8Array(64); // no shared key: zeros

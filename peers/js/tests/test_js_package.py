@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from conformance.programs import check_felt, check_slave, running_slave
+from conformance.programs import check_felt, check_refused, check_slave, running_slave
 
 FLAGS = ["--experimental-global-webcrypto"]  # what Node 20 has without
 
@@ -78,6 +78,21 @@ def project(package: Path, tmp_path: Path) -> Path:
 def test_the_example_of_a_master_feels_the_scene_of_a_slave_of_hapticnet(package: Path, project: Path, slave: str):
     program = Path(shutil.copy(package / "examples" / "master.mjs", project))
     check_felt(["node", *FLAGS, program, "127.0.0.1", slave, 2], at_least=10)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (("localhost",), "address is 'localhost'; it must be numeric, as 127.0.0.1"),
+        (("127.0.0.1", "x"), "port is NaN; it must be 1 to 65535"),
+        (("127.0.0.1", "99999"), "port is 99999; it must be 1 to 65535"),
+    ],
+)
+def test_the_example_of_a_master_says_in_one_line_what_is_wrong(
+    package: Path, project: Path, arguments: tuple[str, ...], said: str
+):
+    program = Path(shutil.copy(package / "examples" / "master.mjs", project))
+    check_refused(["node", *FLAGS, program, *arguments], said)
 
 
 def test_the_length_of_each_example_is_in_the_readme(package: Path):

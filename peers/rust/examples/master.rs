@@ -8,6 +8,8 @@ use std::time::{Duration, Instant};
 
 use hapticnet::{Master, Request, State, RECEIVE_BYTES};
 
+const USAGE: &str = "usage: master [HOST:PORT [SECONDS]]";
+
 fn main() {
     if let Err(error) = run() {
         eprintln!("{}", error);
@@ -18,10 +20,10 @@ fn main() {
 fn run() -> Result<(), Box<dyn Error>> {
     let mut arguments = std::env::args().skip(1);
     let slave = arguments.next().unwrap_or_else(|| "127.0.0.1:47800".into());
-    let seconds: f64 = arguments.next().unwrap_or_else(|| "5".into()).parse()?;
+    let seconds: f64 = arguments.next().unwrap_or_else(|| "5".into()).parse().map_err(|_| USAGE)?;
     let mut master = Master::new(&Request { name: "smallest".into(), ..Request::default() }, None)?;
     let link = UdpSocket::bind("0.0.0.0:0")?;
-    link.connect(slave)?;
+    link.connect(&slave).map_err(|error| format!("{}: {}; {}", slave, error, USAGE))?;
     link.set_nonblocking(true)?;
 
     let start = Instant::now();

@@ -15,7 +15,7 @@ fn main() {
 }
 
 fn run() -> Result<(), Box<dyn Error>> {
-    let port = std::env::args().nth(1).unwrap_or_else(|| "47800".into()).parse()?;
+    let port = std::env::args().nth(1).unwrap_or_else(|| "47800".into()).parse().map_err(|_| "usage: slave [PORT]")?;
     let door = UdpSocket::bind((Ipv4Addr::LOCALHOST, port))?;
     let mut slave = Slave::new("spring", 1, None)?;
     let start = Instant::now();

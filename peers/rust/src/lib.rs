@@ -21,6 +21,7 @@ use std::ffi::{CStr, CString};
 use std::fmt;
 use std::ops::Deref;
 use std::os::raw::c_char;
+use std::ptr::NonNull;
 
 include!(concat!(env!("OUT_DIR"), "/constants.rs"));
 
@@ -95,6 +96,13 @@ fn text_of(text: *const c_char) -> Option<String> {
 /// Return what the library says is wrong as an error.
 fn check(wrong: *const c_char) -> Result<(), Error> {
     text_of(wrong).map_or(Ok(()), |wrong| Err(Error(wrong)))
+}
+
+/// Return the node that a function of the library makes, or as an error what that writes to memory for it.
+fn made<Node>(make: impl FnOnce(*mut c_char) -> *mut Node) -> Result<NonNull<Node>, Error> {
+    let mut wrong: Vec<u8> = vec![0; unsafe { sys::hn_error_bytes() }];
+    let node = make(wrong.as_mut_ptr().cast());
+    NonNull::new(node).ok_or_else(|| Error(text_of(wrong.as_ptr().cast()).unwrap_or_default()))
 }
 
 /// Return a text as the library takes it. It cannot have a zero inside.

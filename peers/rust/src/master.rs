@@ -6,7 +6,7 @@ use std::ptr::{null, NonNull};
 
 use crate::random::{draw, Source};
 use crate::{
-    c_text, check, counted, sys, text_of, Counts, Datagram, Error, Key, PrivateKey, Random, Vector, MOST_AXES,
+    c_text, check, counted, made, sys, text_of, Counts, Datagram, Error, Key, PrivateKey, Random, Vector, MOST_AXES,
 };
 
 /// What a master asks for. `None` is hapticnet's default.
@@ -108,9 +108,8 @@ impl Master {
         let pointers: Vec<*const c_char> = names.iter().map(|name| name.as_ptr()).collect();
         let values: Vec<f64> = numbers.iter().map(|(_, value)| *value).collect();
         let (codec, name) = (c_text(&request.codec, "the codec")?, c_text(&request.name, "the name")?);
-        let mut wrong = null();
         // Safety: the texts and arrays live until it returns, and the source lives as long as the node.
-        let node = unsafe {
+        let node = made(|wrong| unsafe {
             sys::hn_make_master(
                 codec.as_ptr(),
                 name.as_ptr(),
@@ -119,11 +118,9 @@ impl Master {
                 values.len(),
                 draw,
                 source.context(),
-                &mut wrong,
+                wrong,
             )
-        };
-        check(wrong)?;
-        let node = NonNull::new(node).expect("a node, if nothing is wrong");
+        })?;
         Ok(Master { node, axes: request.axes, _source: source })
     }
 

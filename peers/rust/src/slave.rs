@@ -1,11 +1,11 @@
 //! The slave: positions in, forces out.
 
 use std::ffi::CString;
-use std::ptr::{null, NonNull};
+use std::ptr::NonNull;
 use std::slice;
 
 use crate::random::{draw, Source};
-use crate::{c_text, check, counted, sys, Counts, Datagram, Error, Listed, PrivateKey, Random, Vector};
+use crate::{c_text, check, counted, made, sys, Counts, Datagram, Error, Listed, PrivateKey, Random, Vector};
 use crate::{ADDRESS_BYTES, MOST_AXES};
 
 /// A slave of one master at a time, with the codecs deadband and raw. Receive all that has arrived; if there is a position
@@ -24,11 +24,11 @@ impl Slave {
     pub fn new(scene: &str, axes: usize, random: Option<Random>) -> Result<Slave, Error> {
         let mut source = Source::new(random);
         let scene = c_text(scene, "the scene's name")?;
-        let mut wrong = null();
+        let asked = u32::try_from(axes).unwrap_or(u32::MAX);
         // Safety: the name is copied, and the source lives as long as the node.
-        let node = unsafe { sys::hn_make_slave(scene.as_ptr(), axes as u32, draw, source.context(), &mut wrong) };
-        check(wrong)?;
-        Ok(Slave { node: NonNull::new(node).expect("a node, if nothing is wrong"), axes, _source: source })
+        let node =
+            made(|wrong| unsafe { sys::hn_make_slave(scene.as_ptr(), asked, draw, source.context(), wrong) })?;
+        Ok(Slave { node, axes, _source: source })
     }
 
     /// Serve sealed sessions only, of these masters. Call it before the first datagram.

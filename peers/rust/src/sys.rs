@@ -25,7 +25,7 @@ extern "C" {
         count: usize,
         entropy: Entropy,
         context: *mut c_void,
-        wrong: *mut *const c_char,
+        wrong: *mut c_char,
     ) -> *mut Master;
     pub fn hn_free_master(m: *mut Master);
     pub fn hn_seal_master(m: *mut Master, own: *const u8, slave: *const u8, psk: *const u8) -> *const c_char;
@@ -44,7 +44,7 @@ extern "C" {
         axes: c_uint,
         entropy: Entropy,
         context: *mut c_void,
-        wrong: *mut *const c_char,
+        wrong: *mut c_char,
     ) -> *mut Slave;
     pub fn hn_free_slave(s: *mut Slave);
     pub fn hn_seal_slave(s: *mut Slave, own: *const u8, masters: *const u8, count: usize) -> *const c_char;

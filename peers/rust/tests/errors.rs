@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use hapticnet::{load_masters, parse_key, Master, PrivateKey, Request, Slave};
+use hapticnet::{codecs, load_masters, parse_key, Master, PrivateKey, Request, Slave};
 
 fn refusal(change: impl FnOnce(&mut Request)) -> String {
     let mut request = Request::default();
@@ -14,13 +14,15 @@ fn refusal(change: impl FnOnce(&mut Request)) -> String {
 fn a_wrong_request_is_refused_with_the_text_of_the_library() {
     assert_eq!(refusal(|_| ()), "fine");
     assert_eq!(refusal(|r| r.parameters = vec![("step_n".into(), 0.1)]), "fine");
-    assert_eq!(refusal(|r| r.rate_hz = Some(5.0)), "the rate must be 20 to 100000 Hz");
-    assert_eq!(refusal(|r| r.codec = "deadbnad".into()), "there is no such codec");
-    assert_eq!(refusal(|r| r.axes = 4), "the axes must be 1 to 3");
+    assert_eq!(refusal(|r| r.rate_hz = Some(5.0)), "rate_hz is 5; it must be between 20 and 100000");
+    let wrong = refusal(|r| r.codec = "deadbnad".into());
+    assert_eq!(wrong, format!("codec is 'deadbnad'; it must be one of {}", codecs().join(", ")));
+    assert_eq!(refusal(|r| r.axes = 4), "axes is 4; it must be 1 to 3");
     assert_eq!(refusal(|r| r.name = "a\0b".into()), "the name has a zero byte");
     let wrong = refusal(|r| r.parameters = vec![("stepn".into(), 0.1)]);
-    assert_eq!(wrong, "the codec has no such parameter, or its value is out of range");
-    assert!(Slave::new("spring", 0, None).is_err());
+    assert_eq!(wrong, "parameter is 'stepn'; it must be one of deadband's: step_n");
+    assert_eq!(Slave::new("spring", 0, None).err().unwrap().to_string(), "axes is 0; it must be 1 to 3");
+    assert!(Slave::new("spring", (1 << 32) + 1, None).is_err());
 }
 
 #[test]

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from conformance.programs import check_felt, check_slave, length_test, need, running_slave, write_keys
+from conformance.programs import check_felt, check_refused, check_slave, length_test, need, running_slave, write_keys
 from conformance.session import SLAVE
 from hapticnet.protocol.keys import format_key
 
@@ -43,8 +43,22 @@ def test_what_is_wrong_is_one_sentence(target):
 def test_a_master_feels_the_scene_of_a_slave_of_hapticnet(examples):
     with running_slave() as port:
         check_felt([examples / "master", f"127.0.0.1:{port}", 2])
-    done = subprocess.run([examples / "master", "nonsense"], capture_output=True, text=True, timeout=30)
-    assert (done.returncode, len(done.stderr.splitlines())) == (2, 1)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (("master", "nonsense"), "nonsense: "),
+        (("master", "127.0.0.1:x"), "127.0.0.1:x: "),
+        (("master", "127.0.0.1:99999"), "127.0.0.1:99999: "),
+        (("master", "127.0.0.1:47800", "x"), "usage: master ["),
+        (("slave", "x"), "usage: slave ["),
+        (("slave", "99999"), "usage: slave ["),
+    ],
+)
+def test_an_example_refuses_wrong_arguments_with_its_usage(examples, arguments, said):
+    program, *wrong = arguments
+    assert f"usage: {program} [" in check_refused([examples / program, *wrong], said)
 
 
 def test_a_master_of_hapticnet_feels_the_spring_of_a_slave(examples):

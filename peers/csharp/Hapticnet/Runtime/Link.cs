@@ -75,10 +75,10 @@ namespace Hapticnet
             return address;
         }
 
-        internal static void CheckPort(int port)
+        internal static void CheckPort(int port, int least)
         {
-            if (port < 1 || port > 65535)
-                throw new HapticException("the port is " + port + "; it must be 1 to 65535");
+            if (port < least || port > 65535)
+                throw new HapticException("the port is " + port + "; it must be " + least + " to 65535");
         }
 
         internal void Start()
@@ -140,7 +140,7 @@ namespace Hapticnet
             byte[] slavePublic = null)
             : base("hapticnet master")
         {
-            CheckPort(port);
+            CheckPort(port, 1);
             if (hand == null)
                 throw new HapticException("a hand is needed");
             _hand = hand;
@@ -295,6 +295,9 @@ namespace Hapticnet
             System.Collections.Generic.IList<ListedMaster> masters = null)
             : base("hapticnet slave")
         {
+            CheckPort(port, 0);
+            if (scene == null)
+                throw new HapticException("a scene is needed");
             _scene = scene;
             _slave = new Slave(name, axes);
             if (key != null)

@@ -98,7 +98,7 @@ namespace Hapticnet
             var numbers = request.Numbers();
             var names = new IntPtr[numbers.Count];
             var values = new double[numbers.Count];
-            IntPtr wrong = IntPtr.Zero;
+            var wrong = new byte[(int)Native.Loaded(Native.hn_error_bytes)];
             try
             {
                 int i = 0;
@@ -111,7 +111,7 @@ namespace Hapticnet
                 }
                 _handle = Native.Loaded(() => Native.hn_make_master(Native.Bytes(request.Codec),
                     Native.Bytes(request.Name), names, values, (UIntPtr)names.Length, RandomSource.Callback, Context,
-                    out wrong));
+                    wrong));
             }
             finally
             {
@@ -122,7 +122,7 @@ namespace Hapticnet
                 else
                     Hand(_handle);
             }
-            Native.Check(wrong);
+            Native.Check(_handle, wrong);
         }
 
         /// <summary>Where the session stands.</summary>

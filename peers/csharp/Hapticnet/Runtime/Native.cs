@@ -28,7 +28,7 @@ namespace Hapticnet
 
         [DllImport(Library, CallingConvention = CallingConvention.Cdecl)]
         internal static extern MasterHandle hn_make_master(byte[] codec, byte[] name, IntPtr[] names, double[] values,
-            UIntPtr count, Entropy entropy, IntPtr context, out IntPtr wrong);
+            UIntPtr count, Entropy entropy, IntPtr context, byte[] wrong);
 
         [DllImport(Library, CallingConvention = CallingConvention.Cdecl)]
         internal static extern void hn_free_master(IntPtr master);
@@ -65,7 +65,7 @@ namespace Hapticnet
 
         [DllImport(Library, CallingConvention = CallingConvention.Cdecl)]
         internal static extern SlaveHandle hn_make_slave(byte[] scene, uint axes, Entropy entropy, IntPtr context,
-            out IntPtr wrong);
+            byte[] wrong);
 
         [DllImport(Library, CallingConvention = CallingConvention.Cdecl)]
         internal static extern void hn_free_slave(IntPtr slave);
@@ -133,6 +133,13 @@ namespace Hapticnet
             var bytes = new byte[size];
             Marshal.Copy(text, bytes, 0, size);
             return Encoding.UTF8.GetString(bytes);
+        }
+
+        /// <summary>Throw what the library wrote, unless it made a node.</summary>
+        internal static void Check(NodeHandle made, byte[] wrong)
+        {
+            if (made.IsInvalid)
+                throw new HapticException(Encoding.UTF8.GetString(wrong, 0, Array.IndexOf(wrong, (byte)0)));
         }
 
         /// <summary>Throw what the library says is wrong; null: nothing is.</summary>

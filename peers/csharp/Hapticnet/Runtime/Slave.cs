@@ -21,11 +21,11 @@ namespace Hapticnet
         public Slave(string scene, int axes = 1, Func<uint> random = null)
             : base(axes, random)
         {
-            IntPtr wrong = IntPtr.Zero;
+            var wrong = new byte[(int)Native.Loaded(Native.hn_error_bytes)];
             try
             {
                 _handle = Native.Loaded(() => Native.hn_make_slave(Native.Bytes(scene ?? ""), (uint)axes,
-                    RandomSource.Callback, Context, out wrong));
+                    RandomSource.Callback, Context, wrong));
             }
             finally
             {
@@ -34,7 +34,7 @@ namespace Hapticnet
                 else
                     Hand(_handle);
             }
-            Native.Check(wrong);
+            Native.Check(_handle, wrong);
         }
 
         /// <summary>The address of the session's master, as it was given to <see cref="Receive"/>; null without one.
