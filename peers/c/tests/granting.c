@@ -13,8 +13,9 @@ static struct {
 
 void ask_for_more(hn_request *request)
 {
-    static const char *const codecs[] = {"deadband", "motion-predictive", "model-mediated", "passive-interpolative"};
-    request->codec = codecs[below(4)];
+    static const char *const codecs[] = {"motion-predictive", "deadband", "passive-interpolative", "model-mediated"};
+    static unsigned masters;
+    request->codec = codecs[masters++ % 4]; /* by turns, so that a short run has those that follow the hand */
     request->parameters[0].name = NULL;
     request->position_share = below(2) ? 0.25 : 0.0;
     request->announced = below(2);
@@ -23,7 +24,7 @@ void ask_for_more(hn_request *request)
     size_t size = hn_more_bytes(request);
     asked.memory = size > 0 ? malloc(size) : NULL; /* of the exact size, so that sanitizers see its end */
     request->more = size > 0 ? hn_more_init(asked.memory, request) : NULL;
-    asked.follows = request->codec != codecs[0];
+    asked.follows = request->codec != codecs[1];
     asked.request = *request;
 }
 
