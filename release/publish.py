@@ -25,14 +25,19 @@ def main() -> None:
     parser.add_argument("--for-real", action="store_true", help="run the commands")
     options = parser.parse_args()
     wrong = problems(ROOT, options.out)
-    print(*(f"wrong: {each}" for each in wrong), sep="\n")
+    for each in wrong:
+        print("wrong:", each)
     if options.for_real and not options.image:
         wrong.append("no image")
         print("wrong: IMAGE=REGISTRY/NAME says where the image goes")
     for command in commands(read_version(ROOT), options.out, options.image or "REGISTRY/NAME"):
         print("would run:" if wrong or not options.for_real else "running:", shlex.join(command), flush=True)
         if options.for_real and not wrong:
-            subprocess.run(command, check=True, cwd=ROOT)
+            try:
+                subprocess.run(command, check=True, cwd=ROOT)
+            except (OSError, subprocess.CalledProcessError) as error:
+                wrong.append(str(error))  # so the others are only printed
+                print("wrong:", error)
     sys.exit(bool(wrong))
 
 
@@ -47,24 +52,34 @@ def problems(root: Path, out: Path) -> list[str]:
         found.append(f"the newest commit has no tag v{version}; git tag -s v{version}")
     if not re.search(rf"^## {re.escape(version)} \(\d{{4}}-\d\d-\d\d\)$", (root / "CHANGELOG.md").read_text(), re.M):
         found.append(f"CHANGELOG.md has no date for {version}; write ## {version} (YYYY-MM-DD)")
-    if not (out / "SHA256SUMS").exists():
-        return [*found, f"{out} has no SHA256SUMS; make release"]
-    found += [f"{name} differs from SHA256SUMS; make release" for name in altered(out)]
-    origin = json.loads((out / "origin.json").read_text(encoding="utf-8"))
-    if origin["commit"] != head:
-        found.append(f"{out} was built from {origin['commit'][:8]}, the newest commit is {head[:8]}; make release")
+    for name, check in (("SHA256SUMS", altered), ("origin.json", other_commit)):
+        try:
+            found += [f"{each}; make release" for each in check(out, head)]
+        except FileNotFoundError:
+            found.append(f"{out} has no {name}; make release")
+        except (OSError, ValueError, LookupError, TypeError):
+            found.append(f"{out}/{name} is damaged; make release")
     found += [f"{out} has no {pattern}; make release" for pattern in expected(version) if not any(out.glob(pattern))]
     return found
 
 
-def altered(out: Path) -> list[str]:
-    """Return the files that SHA256SUMS lacks, or lists with another digest, or lists although they are missing."""
+def altered(out: Path, _: str) -> list[str]:
+    """Return what SHA256SUMS lacks, lists with another digest, or lists although it is missing."""
     lines = (out / "SHA256SUMS").read_text(encoding="utf-8").splitlines()
     listed = {name: digest for digest, name in (line.split("  ") for line in lines)}
     there = {
-        path.name: hashlib.sha256(path.read_bytes()).hexdigest() for path in out.iterdir() if path.name != "SHA256SUMS"
+        path.name: hashlib.sha256(path.read_bytes()).hexdigest() if path.is_file() else "a folder"
+        for path in out.iterdir()
+        if path.name != "SHA256SUMS"
     }
-    return sorted(name for name in listed | there if listed.get(name) != there.get(name))
+    names = sorted(name for name in listed | there if listed.get(name) != there.get(name))
+    return [f"{name} differs from SHA256SUMS" for name in names]
+
+
+def other_commit(out: Path, head: str) -> list[str]:
+    """Return that a release was built from another commit than `head`, if it was."""
+    commit = str(json.loads((out / "origin.json").read_text(encoding="utf-8"))["commit"])
+    return [] if commit == head else [f"{out} was built from {commit[:8]}, the newest commit is {head[:8]}"]
 
 
 def expected(version: str) -> list[str]:

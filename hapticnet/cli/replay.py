@@ -21,17 +21,18 @@ def replay(
     second: Second = None,
     page: options.Page = None,
     speed: Annotated[float, typer.Option(help="Speed at first, from 0.1 to 4; the page can change it.")] = 1.0,
-    loop: Annotated[bool, typer.Option(help="Begin again at the end; the page can change it.")] = False,
+    loop: Annotated[bool, typer.Option(help="Start again at the end; the page can change it.")] = False,
     force_column: options.ForceColumn = None,
     position_column: options.PositionColumn = None,
     time_column: options.TimeColumn = None,
     sampling_rate: options.SamplingRate = None,
+    missing: options.MissingValues = "refuse",
     max_size: options.MaxSize = options.MAX_SIZE,
 ) -> None:
     """Show a recording on a page as it was, or two side by side, with pause, seek, speed and loop.
 
-    Each page plays for itself, from the moment it is seen. Columns are named for files of other programs only. Ends on
-    Ctrl-C or SIGTERM.
+    Each page plays independently, and starts when it becomes visible. Columns, rate and missing
+    values matter only for files of other programs. Ends on Ctrl-C or SIGTERM.
     """
     from hapticnet.checks import check_parameter
     from hapticnet.cli.console import Console
@@ -54,7 +55,7 @@ def replay(
         except ForeignError:
             recording = load_recording(
                 path, columns=force_column, position=position_column, time=time_column, rate_hz=sampling_rate,
-                max_bytes=max_size,
+                missing=missing, max_bytes=max_size,
             )  # fmt: skip
             tape = tape_of_force(path, recording)
         for note in tape.notes:

@@ -185,3 +185,5 @@ def test_what_cannot_be_replayed_is_one_line(run, tmp_path, recording):
     write_session(tmp_path / "none.npz", ticks=0)
     assert_only_line(run("replay", "--page", "127.0.0.1:0", tmp_path / "none.npz"), "there is nothing to replay")
     assert_only_line(run("replay", "--page", "127.0.0.1:0", recording, "--speed", "9"), "between 0.1 and 4")
+    (tmp_path / "gaps.csv").write_text("t,f\n0,nan\n1,nan\n")
+    assert_only_line(run("replay", "--missing", "drop", tmp_path / "gaps.csv"), "every row lacks a value")

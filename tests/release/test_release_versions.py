@@ -76,6 +76,11 @@ def test_a_whole_release_of_a_tagged_commit_can_be_published(release):
         (lambda _, out: (out / "SHA256SUMS").unlink(), "has no SHA256SUMS"),
         (lambda _, out: (out / "origin.json").write_text('{"commit": "0123456789"}'), "was built from 01234567"),
         (lambda _, out: (out / "hapticnet-1.2.3.cdx.json").unlink(), "has no hapticnet-1.2.3.cdx.json"),
+        (lambda _, out: (out / "SHA256SUMS").write_bytes(b"\xff"), "SHA256SUMS is damaged; make release"),
+        (lambda _, out: (out / "SHA256SUMS").write_text("no digest\n"), "SHA256SUMS is damaged"),
+        (lambda _, out: (out / "origin.json").write_text("[]"), "origin.json is damaged"),
+        (lambda _, out: (out / "origin.json").unlink(), "has no origin.json"),
+        (lambda _, out: (out / "folder").mkdir(), "folder differs"),
     ],
 )
 def test_what_is_wrong_with_a_release_is_said(release, spoil, said):

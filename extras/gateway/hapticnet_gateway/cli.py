@@ -13,7 +13,7 @@ from hapticnet import options
 from hapticnet.cli.console import Console, check_outputs, deliver
 from hapticnet.cli.pages import say_addresses
 from hapticnet.cli.verbs import equip
-from hapticnet.errors import RunError
+from hapticnet.errors import RunError, UnavailableError
 from hapticnet.options import Option
 from hapticnet.protocol.key_files import default_key, is_missing, load_key, write_key
 from hapticnet.protocol.keys import new_key
@@ -81,7 +81,12 @@ equip(app, (), EXAMPLES)
 
 def carry(given: GatewayOptions) -> None:
     """Carry datagrams until the end, and deliver the report."""
-    from hapticnet_gateway.gateway import Gateway, TabAccess, check_origin, check_slave
+    try:
+        from hapticnet_gateway.gateway import Gateway, TabAccess, check_origin, check_slave
+    except ModuleNotFoundError as error:
+        raise UnavailableError(
+            f"hapticnet gateway needs aiohttp and aiortc: pip install aiohttp aiortc ({error})"
+        ) from error
 
     console = Console("gateway", quiet=given.quiet, real_time=True)
     origins = frozenset(map(check_origin, given.origin or ()))

@@ -1,7 +1,7 @@
 """One tab at a gateway: a WebRTC connection on one side, a UDP socket to the slave on the other.
 
 aiortc does ICE, DTLS and SCTP. This module filters what reaches it: no datagrams of strangers, no more packets than a
-master needs, no messages that would take long or much memory. It never searches for the tab, but answers the tab's
+master needs, no messages that cost much time or memory. It does not probe for the tab, but answers the tab's
 checks at the address that the tab has reached by HTTP.
 """
 
@@ -171,20 +171,20 @@ class Tab:
     def _guarded(
         self, sctp: RTCSctpTransport, handle: Callable[[bytes], Awaitable[None]]
     ) -> Callable[[bytes], Awaitable[None]]:
-        """Return what takes in a packet in the place of `handle`: nothing in it may take long, or raise."""
+        """Return a replacement for `handle`, which takes in a packet: it refuses costly ones, and never raises."""
 
         async def handle_data(data: bytes) -> None:
             if self._closing is not None:
                 return
             if _width_of_gaps(data) > MOST_GAPS:
-                self.end("sent a packet that would take long")
+                self.end("sent a packet that is costly to process")
                 return
             try:
                 await handle(data)
             except ConnectionError:
                 raise
             except Exception as error:  # aiortc asserts where a peer is wrong
-                self.end(f"sent a packet that makes no sense ({type(error).__name__})")
+                self.end(f"sent a malformed packet ({type(error).__name__})")
                 return
             sctp._cwnd = max(sctp._cwnd, WINDOW_BYTES)
             if (
@@ -192,20 +192,20 @@ class Tab:
                 or len(sctp._sack_misordered) > MOST_GAPS
                 or len(sctp._inbound_streams) > 1
             ):
-                self.end("sent messages that never become whole")
+                self.end("sent fragments of messages without their ends")
 
         return handle_data
 
     def _changed(self) -> None:
         state = self._connection.connectionState
         if state in ("failed", "closed"):
-            self.end("did not connect" if self._channel is None else "has gone")
+            self.end("did not connect" if self._channel is None else "disconnected")
 
     def _opened(self, channel: RTCDataChannel) -> None:
         if self._channel is not None:
             self.end("opened a second channel")
         elif channel.ordered or channel.maxRetransmits != 0:
-            self.end("opened a channel that repeats or sorts; it must be unordered, with maxRetransmits 0")
+            self.end("opened a reliable or ordered channel; it must be unordered, with maxRetransmits 0")
         elif self._closing is None:
             try:
                 sock, self._address = open_toward(self._slave)
@@ -241,7 +241,7 @@ class Tab:
         channel = self._channel
         for data, _ in batch:
             if channel is None or channel.readyState != "open" or channel.bufferedAmount > LARGEST_BACKLOG:
-                self.drop("waiting for the tab")
+                self.drop("backlog to the tab")
             elif not 0 < len(data) <= MAX_DATAGRAM_BYTES:
                 self.drop("text, empty or too large")
             else:

@@ -4,6 +4,7 @@ import asyncio
 import os
 import re
 import socket
+import sys
 from contextlib import suppress
 
 import pytest
@@ -13,13 +14,13 @@ from gateway_rig import ELSEWHERE, FINGERPRINT, OFFER, Page, tabs
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hapticnet.errors import PeerError
+from hapticnet.errors import PeerError, UnavailableError
 from hapticnet.protocol.wire import MAX_DATAGRAM_BYTES
 from hapticnet.runtime.runners import run_slave
 from hapticnet.runtime.udp import HostPort, listen
 from hapticnet_gateway import gateway as gateway_module
 from hapticnet_gateway import tab as tab_module
-from hapticnet_gateway.cli import read_token
+from hapticnet_gateway.cli import GatewayOptions, carry, read_token
 from hapticnet_gateway.offer import LARGEST_OFFER, read_offer
 from tests.peers import KEY
 from tests.ready import hapticnet
@@ -251,8 +252,8 @@ async def nonsense(page: Page) -> None:
 @pytest.mark.parametrize(
     ("attack", "why"),
     [
-        (many_gaps, "would take long"), (endless_message, "never become whole"),
-        (many_streams, "second channel|never become whole"), (nonsense, "makes no sense"),
+        (many_gaps, "costly"), (endless_message, "fragments"),
+        (many_streams, "second channel|fragments"), (nonsense, "malformed"),
     ],
 )  # fmt: skip
 @played
@@ -333,3 +334,9 @@ def test_the_command_makes_a_token_once_and_reports_at_the_end(tmp_path):
     os.chmod(tmp_path / "token.toml", 0o644)
     assert "accessible to other users" in hapticnet(*command).stderr
     assert "such as https://touch.example" in hapticnet("gateway", "--origin", "touch.example").stderr
+
+
+def test_without_its_libraries_it_says_what_to_install(monkeypatch):
+    monkeypatch.setitem(sys.modules, "hapticnet_gateway.gateway", None)
+    with pytest.raises(UnavailableError, match="pip install aiohttp aiortc"):
+        carry(GatewayOptions())

@@ -31,13 +31,11 @@ _MCAP_MAGIC: Final = b"\x89MCAP"
 _ZIP_MAGIC: Final = b"PK"
 _OTHER_TABLES: Final = ("datagram", "vibration")
 _NO_RECORDING: Final = "not a recording of hapticnet"
+_BESIDE: Final = (*(f".{name}s.csv" for name in _OTHER_TABLES), ".events.csv", ".about.json")
 
 
 class ForeignError(FileError):
     """The file is not damaged, but another program's."""
-
-
-_BESIDE: Final = (*(f".{name}s.csv" for name in _OTHER_TABLES), ".events.csv", ".about.json")
 
 
 def read_session(path: Path, *, max_bytes: int = MAX_BYTES) -> Session:
