@@ -11,7 +11,7 @@ if TYPE_CHECKING:
 def gallery(page: options.Page = None, quiet: options.Quiet = False) -> None:
     """Serve five demonstrations for a talk, each one click in a browser, until Ctrl-C.
 
-    Each starts when somebody opens it, one at a time, and ends when nobody watches it for 20 s.
+    Opening a demonstration starts it and ends the previous one; it ends 20 s after its last page has closed.
     """
     from hapticnet.cli.console import Console
     from hapticnet.cli.pages import listen_for, say_addresses, until_signal
@@ -23,12 +23,12 @@ def gallery(page: options.Page = None, quiet: options.Quiet = False) -> None:
 
     say_addresses({"watch it here: ": "watch"}, access, console)
     console.say("press Ctrl-C to end")
-    run(until_signal(Gallery(access, sock, Shown, console.warn)))
+    run(until_signal(Gallery(access, sock, Processes, console.warn)))
     console.say("ended")
 
 
-class Shown:
-    """A demonstration in processes of its own: a slave, and a master with a page.
+class Processes:
+    """A running demonstration: a slave and a master with a page, as child processes.
 
     Raises UnavailableError if one of them does not start.
     """

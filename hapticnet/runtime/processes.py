@@ -183,7 +183,7 @@ class Child:
             if LISTENING in line:
                 return line.split(LISTENING, 1)[1].split(",", 1)[0].strip()
             said.append(line.strip())
-        raise UnavailableError(f"'{self._command}' ended before it listened: {'; '.join(said)}")
+        raise UnavailableError(f"'{self._command}' ended before it listened; it said: {'; '.join(said) or 'nothing'}")
 
     def lines(self) -> Iterator[str]:
         """Yield the lines of the process as they come, until it ends."""

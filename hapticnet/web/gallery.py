@@ -1,9 +1,9 @@
 """The gallery: an index of demonstrations, and the page of the one that runs.
 
 ``/watch`` is the index, ``/watch?show=2&variant=1`` the page of a demonstration. The socket of that page starts the
-demonstration, unless it runs already, and carries messages between the page and the demonstration's own master. So
-visitors need one address with one token. One demonstration runs at a time, until `UNWATCHED_S` after the last page has
-gone.
+demonstration, unless it runs already, and carries messages between the page and the demonstration's own master, so that
+visitors need only one address and token. One demonstration runs at a time, and ends `UNWATCHED_S` after its last page
+has closed.
 """
 
 import asyncio
@@ -21,6 +21,7 @@ from hapticnet.web.access import Access
 from hapticnet.web.messages import CloseCode, View
 from hapticnet.web.server import ViewSite, static_files
 
+CHECK_S: Final = 1.0  # time [s] between two looks whether a demonstration has ended by itself
 UNWATCHED_S: Final = 20.0  # time [s] for which a demonstration runs on while no page watches it
 REASON_BYTES: Final = 120  # of the reason for which a socket is closed; WebSocket allows 123
 GOING_AWAY: Final = 1001
@@ -103,7 +104,7 @@ class Gallery(ViewSite):
         self._keep()
         try:
             running = await self._join(request.query)
-            code, reason = await _carry(ws, running.url)
+            code, reason = await _carry(ws, running)
             if code in (CloseCode.MASTER_ENDED, GOING_AWAY):
                 is_other = running is not self._running
                 reason = "another demonstration was started" if is_other else "the demonstration has ended"
@@ -148,9 +149,9 @@ class Gallery(ViewSite):
         self._ending = asyncio.ensure_future(end())
 
 
-async def _carry(page: web.WebSocketResponse, url: str) -> tuple[int, str]:
-    """Carry messages between a page and the view of a master, until one ends; return the master's code and reason."""
-    address = urlsplit(url)
+async def _carry(page: web.WebSocketResponse, running: Running) -> tuple[int, str]:
+    """Carry messages between a page and a demonstration, until one ends; return the master's code and reason."""
+    address = urlsplit(running.url)
     origin = f"{address.scheme}://{address.netloc}"
     try:
         async with (
@@ -159,7 +160,9 @@ async def _carry(page: web.WebSocketResponse, url: str) -> tuple[int, str]:
         ):
             ways = [asyncio.ensure_future(_pass_on(*way)) for way in ((master, page), (page, master))]
             try:
-                await asyncio.wait(ways, return_when=asyncio.FIRST_COMPLETED)
+                done: set[asyncio.Future[tuple[int, str]]] = set()
+                while not done and not await asyncio.to_thread(running.has_ended):
+                    done, _ = await asyncio.wait(ways, timeout=CHECK_S, return_when=asyncio.FIRST_COMPLETED)
             finally:
                 for way in ways:
                     way.cancel()

@@ -115,7 +115,7 @@ async def test_nobody_watches_and_the_demonstration_ends():
 
 
 @played
-async def test_a_start_that_fails_is_one_line_on_the_page_and_at_the_terminal():
+async def test_a_start_that_fails_is_one_line_on_the_page_and_at_the_terminal_and_so_is_an_end():
     async with theatre() as house:
         house.fault = "'hapticnet slave' failed (1); it said: " + "é" * 200
         code, reason = await house.end_of("show=1")
@@ -127,6 +127,9 @@ async def test_a_start_that_fails_is_one_line_on_the_page_and_at_the_terminal():
         assert (await house.end_of("show=1", "wrong"))[0] == CloseCode.WRONG_TOKEN
         async with house.visit("show=1") as page:
             await page.hear("hello")
+            house.started[-1].is_over = True  # as if its slave was killed; its master still serves the page
+            await until(lambda: page.closed)
+            assert (page.socket.close_code, page.reason) == (CloseCode.MASTER_ENDED, "the demonstration has ended")
 
 
 def test_every_demonstration_has_options_that_there_are_a_picture_and_words():
