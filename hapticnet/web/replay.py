@@ -1,7 +1,7 @@
 """The page that replays recordings.
 
-Every page plays for itself: it asks for the parts it is about to show and keeps its own time, so it begins when it is
-seen, and nobody stops or moves what another one watches. The server keeps no state of a page.
+Each page plays independently: it requests the parts that it is about to show and keeps its own time. So it starts when
+it becomes visible, and pausing or seeking does not affect other pages. The server keeps no state of a page.
 
 A page is the watch view at ``/watch``; its messages are these. Times of a recording count from its first row. From the
 server::

@@ -1,7 +1,7 @@
 """A gateway: carries datagrams between browser tabs and one slave, without being able to read sealed ones.
 
 ``POST /offer`` with ``Authorization: Bearer TOKEN`` and an offer in SDP returns the answer in SDP, with status 201.
-Each tab then has a UDP socket of its own toward the slave, so that the slave sees an address for each.
+Each tab then has its own UDP socket to the slave, so the slave sees one address per tab.
 """
 
 import asyncio

@@ -1,6 +1,6 @@
 /* Keys as hapticnet writes them: 32 bytes as 44 characters of base64, and files that `hapticnet key new` makes.
  *
- * This is the only part of the library that reads files. A microcontroller need not link it. */
+ * This is the only part of the library that reads files. Leave it out on a microcontroller, which has no files. */
 #ifndef HAPTICNET_KEYS_H
 #define HAPTICNET_KEYS_H
 
