@@ -60,7 +60,7 @@ def check_life(said):
 
 def test_a_master_feels_the_scene_of_a_slave_of_hapticnet(built):
     with running_slave() as port:
-        said = check_felt(["mono", built / "SmallestMaster.exe", "127.0.0.1", port, 2], above_n=2.0)
+        said = check_felt(["mono", built / "SmallestMaster.exe", "127.0.0.1", port, 2], at_least=5, above_n=2.0)
     assert "\nEstablished paper" in said  # the hand may still print after it
 
 
