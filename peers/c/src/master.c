@@ -206,14 +206,15 @@ const char *hn_master_init(hn_master *m, const hn_request *request, hn_entropy *
     m->context = context;
     m->now = m->felt = m->streams;
     m->refused_wait_us = HN_REFUSED_RETRY_US;
-    if (wrong != NULL) { /* it does nothing, and its force has no axes */
+    if (wrong == NULL) {
+        m->request = *request;
+        hn_ask(m);
+    } else { /* one that asks for nothing, whose force is zero */
+        m->request.axes = request->axes < HN_MOST_AXES ? request->axes : HN_MOST_AXES;
         m->state = HN_CLOSED;
-        return wrong;
     }
-    m->request = *request;
-    hn_hold_init(&m->hold, request->axes);
-    hn_ask(m);
-    return NULL;
+    hn_hold_init(&m->hold, m->request.axes);
+    return wrong;
 }
 
 hn_state hn_master_state(const hn_master *m)

@@ -1,4 +1,5 @@
-/* Memory for few positions, announced contact and codecs that follow the hand: what is refused. Built with sanitizers. */
+/* Memory for few positions, announced contact and codecs that follow the hand: what is refused; and nodes that their
+ * program uses although they were refused. Built with sanitizers. */
 #include <stdio.h>
 #include <stdlib.h>
 
@@ -40,6 +41,37 @@ static void *give(hn_request *request)
     return memory;
 }
 
+/* A master for seven axes, and a slave for four, of a program that reads no error. */
+static void use_refused(void)
+{
+    static hn_master master;
+    static hn_slave slave;
+    hn_request request = request_of("raw");
+    double position_m[7] = {0.0}, force_n[7] = {1.0, 1.0, 1.0};
+    uint8_t data[HN_DATAGRAM_BYTES], answer[HN_DATAGRAM_BYTES];
+    request.axes = 7;
+    check(hn_master_init(&master, &request, random32, NULL) != NULL, "seven axes");
+    hn_master_tick(&master, position_m, 1000);
+    hn_master_force(&master, force_n, 1000);
+    check(hn_master_send(&master, data) == 0 && hn_master_state(&master) == HN_CLOSED, "a refused master asks");
+    check(force_n[0] == 0.0 && force_n[1] == 0.0 && force_n[2] == 0.0, "a refused master has a force");
+    hn_master_close(&master, NULL, 1000);
+
+    request.axes = 3;
+    check(hn_master_init(&master, &request, random32, NULL) == NULL, "three axes");
+    check(hn_slave_init(&slave, "scene", 4, random32, NULL) != NULL, "four axes");
+    for (int64_t now_us = 0; now_us < 100000; now_us += 1000) {
+        hn_master_tick(&master, position_m, now_us);
+        for (size_t size; (size = hn_master_send(&master, data)) > 0;) {
+            size = hn_slave_receive(&slave, data, size, "here", 4, now_us, answer);
+            hn_master_receive(&master, answer, size, now_us);
+        }
+        check(!hn_slave_position(&slave, position_m), "a refused slave has a position");
+    }
+    check(hn_master_state(&master) == HN_CLOSED, "a refused slave grants a session");
+    check(hn_slave_close(&slave, NULL, 0, answer) == 0, "a refused slave has a session");
+}
+
 int main(void)
 {
     hn_request plain = request_of("deadband"), wrong = plain, few = plain, follows = request_of("motion-predictive");
@@ -75,5 +107,6 @@ int main(void)
     free(crooked);
     for (unsigned i = 0; i < 4; i++)
         free(memory[i]);
+    use_refused();
     return failures;
 }

@@ -48,10 +48,27 @@ internal static class Wrong
         }
     }
 
+    /// The scene fails: both ends say so, and the master's session is over at once.
+    private static void FailAtSlave()
+    {
+        using (var scene = new SlaveLink("127.0.0.1", 0, "nothing", 1, new Air { Left = 100 }))
+        using (var link = new MasterLink("127.0.0.1", scene.Port, new Request(), new Nothing()))
+        {
+            for (int left = 100; left > 0 && link.State != SessionState.Closed; left--)
+                Thread.Sleep(50);
+            Console.WriteLine(scene.Failure);
+            Console.WriteLine(link.State + ": " + link.Reason);
+        }
+    }
+
     private sealed class Air : IScene
     {
+        internal int Left = int.MaxValue;
+
         public void Touch(double[] positionM, double[] forceN)
         {
+            if (Left-- == 0)
+                throw new InvalidOperationException("no scene");
         }
     }
 
@@ -78,6 +95,9 @@ internal static class Wrong
         Say(() => new MasterLink("127.0.0.1", 0, new Request(), null));
         Say(() => new MasterLink("127.0.0.1", 47800, new Request(), null));
         Fail();
+        FailAtSlave();
+        Say(() => new SlaveLink("127.0.0.1", 99999, "nothing", 1, new Air()));
+        Say(() => new SlaveLink("127.0.0.1", 0, "nothing", 1, null));
         Say(() =>
         {
             var master = new Master(new Request(), () => { throw new InvalidOperationException("no entropy"); });

@@ -145,6 +145,10 @@ def test_what_is_wrong_is_one_sentence(built):
         "the port is 0; it must be 1 to 65535",
         "a hand is needed",
         "InvalidOperationException: no device",
+        "InvalidOperationException: no scene",
+        "Closed: the scene failed",
+        "the port is 99999; it must be 0 to 65535",
+        "a scene is needed",
         "the source of random numbers failed: no entropy",
     ]
 

@@ -274,6 +274,7 @@ namespace Hapticnet
     public sealed class SlaveLink : Link
     {
         private const int PatienceMs = 50;
+        private const int Failed = 6; // the protocol's code
 
         private readonly Slave _slave;
         private readonly IScene _scene;
@@ -322,11 +323,19 @@ namespace Hapticnet
 
         internal override void Run()
         {
-            while (!IsStopping)
+            try
             {
-                // Receive all that has arrived, and only then answer the newest position.
-                if (Socket.Available > 0 || !Answer())
-                    ReceiveOne();
+                while (!IsStopping)
+                {
+                    // Receive all that has arrived, and only then answer the newest position.
+                    if (Socket.Available > 0 || !Answer())
+                        ReceiveOne();
+                }
+            }
+            catch (Exception) // of the scene: the master need not wait for it
+            {
+                SendToMaster(_slave.Close("the scene failed", Failed, _answer));
+                throw;
             }
             SendToMaster(_slave.Close("done", 0, _answer));
         }
