@@ -182,7 +182,7 @@ void hn_master_close(hn_master *m, const char *reason, int64_t now_us)
 {
     if (m->state == HN_CLOSING || m->state == HN_CLOSED)
         return;
-    hn_bytes text = hn_text(reason);
+    hn_bytes text = hn_text(reason != NULL ? reason : "");
     if (!hn_is_text(text, HN_REASON_BYTES)) /* the slave would drop it */
         text.size = 0;
     hn_stop_asking(m);

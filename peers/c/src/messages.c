@@ -371,7 +371,7 @@ hn_bytes hn_pack_grant(uint8_t *packed, size_t size, const hn_grant *grant)
 
 hn_bytes hn_text(const char *text)
 {
-    return (hn_bytes){(const uint8_t *)text, text != NULL ? strlen(text) : 0};
+    return (hn_bytes){(const uint8_t *)text, strlen(text)};
 }
 
 void hn_copy_text(char *copy, size_t size, hn_bytes text)

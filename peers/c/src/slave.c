@@ -455,7 +455,7 @@ size_t hn_slave_answer(hn_slave *s, const double force_n[], int64_t now_us, uint
 
 size_t hn_slave_close(hn_slave *s, const char *reason, unsigned code, uint8_t datagram[HN_DATAGRAM_BYTES])
 {
-    return s->open ? write_close(s, reason, code, datagram) : 0;
+    return s->open ? write_close(s, reason != NULL ? reason : "", code, datagram) : 0;
 }
 
 const char *hn_slave_init(hn_slave *s, const char *scene, unsigned axes, hn_entropy *entropy, void *context)

@@ -55,10 +55,12 @@ static void use_refused(void)
     hn_master_force(&master, force_n, 1000);
     check(hn_master_send(&master, data) == 0 && hn_master_state(&master) == HN_CLOSED, "a refused master asks");
     check(force_n[0] == 0.0 && force_n[1] == 0.0 && force_n[2] == 0.0, "a refused master has a force");
-    hn_master_close(&master, NULL, 1000);
 
     request.axes = 3;
     check(hn_master_init(&master, &request, random32, NULL) == NULL, "three axes");
+    hn_master_close(&master, NULL, 0);
+    check(hn_master_state(&master) == HN_CLOSED, "a master closes without a reason");
+    hn_master_init(&master, &request, random32, NULL);
     check(hn_slave_init(&slave, "scene", 4, random32, NULL) != NULL, "four axes");
     for (int64_t now_us = 0; now_us < 100000; now_us += 1000) {
         hn_master_tick(&master, position_m, now_us);
