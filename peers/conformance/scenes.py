@@ -71,7 +71,7 @@ class Soft(Spring):
             for each in normals
         ]
 
-    def copied(self) -> "Soft":
+    def copy(self) -> "Soft":
         made = type(self)(self.axes)
         made.t_us, made.place_m = self.t_us, self.place_m
         return made

@@ -101,7 +101,8 @@ typedef struct {
     hn_decoder decoder;
     bool felt; /* whether a FORCE was applied; its time stamp and arrival */
     int64_t felt_t_us, felt_us;
-    bool sparse, owes; /* whether positions are few, and one waits to acknowledge something */
+    bool sparse, predicted, announced; /* what was granted: few positions, a predicted hand, announced contact */
+    bool owes; /* whether a position waits to acknowledge something */
     int64_t owes_us, confirmed_us;
 } hn_stream;
 

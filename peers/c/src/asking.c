@@ -178,6 +178,8 @@ static void begin(hn_master *m, const hn_grant *grant, uint32_t sequence, int64_
     hn_arrivals_init(&next->arrivals, sequence, m->sealing != NULL);
     hn_loss_init(&next->loss, sequence);
     next->sparse = grant->position_share > 0.0;
+    next->predicted = grant->predicted;
+    next->announced = grant->announced;
     m->ahead_us = next->sparse ? AHEAD_US : 0;
     m->idle_below_n = next->sparse ? HN_IDLE_SHARE * fmin(hn_threshold(&settings, 0.0), HN_IDLE_THRESHOLD_N) : 0.0;
     if (next->sparse && settings.multiplier > 0.0) /* positions use their share of the difference */

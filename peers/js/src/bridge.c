@@ -114,6 +114,15 @@ EXPORT(masterState) hn_state master_state(void) { return hn_master_state(&master
 EXPORT(masterScene) const char *master_scene(void) { return hn_master_scene(&master); }
 EXPORT(masterReason) const char *master_reason(void) { return hn_master_reason(&master, &io.code); }
 EXPORT(masterCode) unsigned master_code(void) { return io.code; } /* of the reason that was read */
+
+/* Return what the newest session was granted, 1 for few positions, 2 for a predicted hand and 4 for announced contact
+ * added; -1 before the first session. */
+EXPORT(masterGranted) int master_granted(void)
+{
+    const hn_stream *s = master.now;
+    return !master.had_session ? -1 : s->sparse + 2 * s->predicted + 4 * s->announced;
+}
+
 EXPORT(masterCounts) void master_counts(void) { io.counts = hn_master_counts(&master); }
 
 /* `text` has the scene's name. Return what is wrong, or NULL. */

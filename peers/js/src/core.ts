@@ -31,6 +31,7 @@ interface Exports {
   masterScene(): number;
   masterReason(): number;
   masterCode(): number;
+  masterGranted(): number;
   masterCounts(): void;
   slaveInit(axes: number): number;
   slaveSeal(listed: number, count: number): number;

@@ -4,7 +4,7 @@
  * @packageDocumentation
  */
 export { Master } from "./master.js";
-export type { Codec, MasterKeys, MasterOptions, MasterState, Notice } from "./master.js";
+export type { Codec, Granted, MasterKeys, MasterOptions, MasterState, Notice } from "./master.js";
 export { Slave } from "./slave.js";
 export type { Listed, SlaveOptions } from "./slave.js";
 export { now, run, serve } from "./run.js";

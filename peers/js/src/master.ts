@@ -73,6 +73,16 @@ export interface Notice {
   readonly text: string;
 }
 
+/** What the slave granted of that which may be asked for. */
+export interface Granted {
+  /** Few positions are sent; without it, every one. */
+  readonly fewPositions: boolean;
+  /** The slave answers the force where the hand will be. */
+  readonly predicted: boolean;
+  /** The slave announces contact. */
+  readonly announced: boolean;
+}
+
 /**
  * The master's end of a session: it sends where the hand is, and gives the force that the hand feels.
  *
@@ -173,6 +183,12 @@ export class Master {
   /** What the slave calls its scene; empty before the first session. */
   get scene(): string {
     return this.#core.textAt(this.#core.call.masterScene());
+  }
+
+  /** What the slave granted for the newest session; undefined before the first. */
+  get granted(): Granted | undefined {
+    const bits = this.#core.call.masterGranted();
+    return bits < 0 ? undefined : { fewPositions: !!(bits & 1), predicted: !!(bits & 2), announced: !!(bits & 4) };
   }
 
   get counts(): Counts {

@@ -162,6 +162,8 @@ export function conversation() {
       state: () => node.state,
       reason: () => `${node.notice?.code ?? 0} ${fromText(node.notice?.text ?? "")}`,
       scene: () => fromText(node.scene),
+      // Not of the suite: only this package tells it.
+      granted: () => (node.granted ? Object.values(node.granted).map(Number).join(" ") : "-"),
       sequence: ([number]) => behind.masterNumber(fromInt(number)),
     },
     slave: {

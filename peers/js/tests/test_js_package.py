@@ -11,7 +11,11 @@ from pathlib import Path
 
 import pytest
 
+from conformance.child import Child, find_peers
 from conformance.programs import check_felt, check_refused, check_slave, running_slave
+from conformance.scenarios import AGAINST_DELAY
+from conformance.script import Line, first_difference
+from conformance.session import played
 
 FLAGS = ["--experimental-global-webcrypto"]  # what Node 20 has without
 
@@ -54,6 +58,29 @@ def test_two_builds_are_equal_to_the_byte(package: Path, tmp_path: Path):
 
 def test_the_lock_file_names_no_host(package: Path):
     assert "http" not in re.sub(r'"(url|funding)": "[^"]*"', "", (package / "package-lock.json").read_text())
+
+
+GRANTS = {
+    "few positions, announced, deadband": "1 0 1",
+    "predicted, deadband": "0 1 0",
+    "few positions, deadband": "1 0 0",
+    "announced, perfect": "0 0 1",
+}
+
+
+@pytest.mark.parametrize("name", GRANTS)
+def test_a_master_tells_what_was_granted_as_hapticnets_own_knows_it(package: Path, name: str):
+    session = played(AGAINST_DELAY[name])
+    in_force = session.recorder.node.in_force.history[-1][1]
+    assert GRANTS[name] == f"{in_force.position_share > 0:d} {in_force.predicted:d} {in_force.announced:d}"
+    start, rest = session.recorder.lines[:2], session.recorder.lines[2:]
+    (peer,) = (each for each in find_peers() if each.folder == package)
+    child = Child(peer, package / "build")
+    script = [*start, Line("granted", "ok -"), *rest, Line("granted", f"ok {GRANTS[name]}")]
+    try:
+        assert first_difference(child, script) is None
+    finally:
+        assert child.end() == 0
 
 
 @pytest.fixture
