@@ -1,7 +1,7 @@
 // The page: a tab that is a master. Hand, hold, codec and keys are here; the gateway only carries datagrams.
 
 import { GatewayLink, type LinkState } from "../src/gateway.js";
-import { formatKey, Master, newKey, now, publicKey, run, type Codec, type MasterKeys } from "../src/index.js";
+import { formatKey, Master, newKey, now, publicKey, run, type Codec, type MasterKeys, type MasterOptions, type RunOptions } from "../src/index.js";
 import { Hand } from "./hand.js";
 import { Picture, Ticks } from "./picture.js";
 
@@ -11,6 +11,10 @@ const RATE_HZ = 250;
 const POSITION_SHARE = 0.25;
 /** A slave keeps the scene of a silent master for 30 s; the session that is asked for then continues it. */
 const SLOW_MS = 1000;
+/** After so long without an answer, the page says what may be wrong. */
+const PATIENT_US = 3e6;
+/** Codes of a refusal: the codec, or a parameter or the perception, is not known. */
+const NOT_KNOWN: readonly number[] = [2, 3];
 
 const byId = <T extends HTMLElement>(id: string) => document.getElementById(id) as T;
 const fields = byId<HTMLFormElement>("settings");
@@ -63,23 +67,38 @@ const LINK: Readonly<Record<LinkState, "good" | "wait" | "bad">> = {
   closed: "bad",
 };
 
+/** Say what the slave is doing, and what to do about it. */
+function said(master: Master, link: LinkState, silentUs: number): string {
+  const words = master.notice?.text;
+  if (master.state === "established") return `touching ${master.scene}`;
+  if (link !== "open") return "no force without the gateway";
+  if (master.state === "stale") return "no force: the slave is silent";
+  if (words) return `no force; the slave says: ${words}; asking again`;
+  if (silentUs < PATIENT_US) return "asking the slave";
+  return `the slave does not answer: does it run${value("slave") === "" ? "" : ", and is this its public key"}?`;
+}
+
+/** Say what the slave granted of few positions and a predicted hand, if they were asked for. */
+function granted(master: Master, few: boolean): string {
+  const { fewPositions = false, predicted = false } = master.granted ?? {};
+  const sent = fewPositions ? "few positions, often 10 to 20 a second" : few ? "each position is sent: the slave sends no answer to few positions" : "each position is sent";
+  return few || predicted ? `${sent}; the slave ${predicted ? "predicts" : "does not predict"} your hand` : sent;
+}
+
 /** Touch the slave's scene until the end of the session. */
 async function touch(): Promise<void> {
   const sealed = keys();
   const axes = Number(value("axes"));
-  const few = value("positions") === "few";
+  let few = value("positions") === "few";
+  let codec = value("codec") as Codec;
+  let without = "";
+  const ask = (more: MasterOptions) =>
+    new Master({ name: "browser tab", codec, axes, rateHz: RATE_HZ, ...(sealed === undefined ? {} : { keys: sealed }), ...more });
+  const multiplier = Number(value("multiplier"));
+  let master = ask({ multiplier, ...(few ? { positionShare: POSITION_SHARE, predicted: true } : {}) });
   const picture = new Picture(byId<HTMLCanvasElement>("scene"));
   const hand = new Hand(picture.canvas, axes, () => picture.metresPerPixel());
   byId("let-go").onclick = () => hand.letGo();
-  const master = new Master({
-    codec: value("codec") as Codec,
-    name: "browser tab",
-    axes,
-    rateHz: RATE_HZ,
-    ...(few ? { positionShare: POSITION_SHARE, predicted: true } : {}),
-    multiplier: Number(value("multiplier")),
-    ...(sealed === undefined ? {} : { keys: sealed }),
-  });
   const link = (open.link = new GatewayLink({
     url: value("gateway") || location.href,
     token: value("token"),
@@ -92,12 +111,20 @@ async function touch(): Promise<void> {
   let forceN: number[] = [];
   let placeM: number[] | undefined;
   let placeUs = 0;
+  let heardUs = now();
   const shown = () => {
     picture.draw(now(), ticks, hand.placeM, forceN);
     const force = Math.hypot(...forceN);
     byId("force").textContent = `${force.toFixed(2)} N`;
     picture.canvas.setAttribute("aria-valuenow", (1000 * (hand.placeM[0] ?? 0)).toFixed(0));
     picture.canvas.setAttribute("aria-valuetext", `${(1000 * (hand.placeM[0] ?? 0)).toFixed(0)} mm, ${force.toFixed(1)} newtons`);
+    const { state } = master;
+    if (link.state !== "open" || state === "established") heardUs = now();
+    if (state === "connecting") show("granted", "wait", without);
+    if (state === "established") {
+      show("granted", few && !master.granted?.fewPositions ? "wait" : "good", without + granted(master, few));
+    }
+    if (state !== "closing" && state !== "closed") show("session", state === "established" ? "good" : "wait", said(master, link.state, now() - heardUs));
     requestAnimationFrame(shown);
   };
   requestAnimationFrame(shown);
@@ -112,11 +139,8 @@ async function touch(): Promise<void> {
     byId("dropped").textContent = `${carried.dropped - before.dropped}/s`;
     byId("trip").textContent = trip === undefined ? "–" : `${trip.toFixed(0)} ms`;
     before = carried;
-    const state = master.state;
-    const words = { connecting: "asking the slave", established: `touching ${master.scene}`, stale: "the slave is silent: no force" };
-    if (state in words) show("session", state === "established" ? "good" : "wait", words[state as keyof typeof words]);
   }, SLOW_MS);
-  const end = await run(master, {
+  const options: RunOptions = {
     transport: link,
     sleep: patient(),
     hand: (nowUs) => {
@@ -127,22 +151,42 @@ async function touch(): Promise<void> {
       forceN = force;
       ticks.add(placeUs, placeM?.[0] ?? 0, force[0] ?? 0);
     },
-  });
+  };
+  let end = await run(master, options);
+  if (NOT_KNOWN.includes(end?.code ?? 0) && (few || codec !== "deadband")) {
+    without = `the slave refuses ${codec}: deadband is used; `;
+    [few, codec] = [false, "deadband"];
+    master = ask({ multiplier });
+    end = await run(master, options);
+  }
   link.close();
-  show("session", "bad", `The slave ended the session: ${end?.text ?? "no reason given"}`);
+  show("granted", "wait", "");
+  show("session", "bad", `${master.granted === undefined ? "The slave refuses" : "The slave ended the session"}: ${end?.text || "no reason given"}`);
 }
 
 function begin(): void {
+  byId("wrong").textContent = "";
   try {
     remember();
     keys();
     fields.hidden = true;
     byId("touching").hidden = false;
-    touch().catch((error: unknown) => show("session", "bad", String(error instanceof Error ? error.message : error)));
+    touch().catch(complain);
   } catch (error) {
-    fields.hidden = false;
-    byId("wrong").textContent = error instanceof Error ? error.message : String(error);
+    complain(error);
   }
+}
+
+/** Say what is wrong: at the form, if nothing was asked yet. */
+function complain(error: unknown): void {
+  const words = error instanceof Error ? error.message : String(error);
+  if (open.link !== undefined) {
+    show("session", "bad", words);
+    return;
+  }
+  fields.hidden = false;
+  byId("touching").hidden = true;
+  byId("wrong").textContent = words;
 }
 
 for (const [name, text] of given) {
@@ -152,8 +196,13 @@ for (const [name, text] of given) {
 byId("make-key").onclick = () => {
   const own = newKey();
   (fields.elements.namedItem("key") as HTMLInputElement).value = formatKey(own);
-  byId("entry").textContent = `[[master]]\nname = "browser tab"\npublic = "${formatKey(publicKey(own))}"`;
+  (byId("entry").lastElementChild as HTMLElement).textContent = `[[master]]\nname = "browser tab"\npublic = "${formatKey(publicKey(own))}"`;
   byId("entry").hidden = false;
+};
+byId("change").onclick = () => {
+  given.delete("begin");
+  history.replaceState(null, "", `#${given}`);
+  location.reload();
 };
 fields.onsubmit = (event) => {
   event.preventDefault();

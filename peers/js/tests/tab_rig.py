@@ -97,6 +97,13 @@ def served(folder: Path) -> Iterator[str]:
         server.server_close()
 
 
+def free_port() -> int:
+    """Return a port that nothing listens on."""
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        return int(probe.getsockname()[1])
+
+
 class Rig:
     """A slave, a gateway, and what a tab needs to touch the slave's scene through it."""
 
@@ -108,9 +115,7 @@ class Rig:
         write_key(folder / "token.toml", SECRET)
         self.slave = Process("slave", "--listen", "127.0.0.1:0", "--scene", "paper:1", *keys)
         (found,) = self.slave.said(r"listening on (\S+),")
-        with socket.socket() as probe:
-            probe.bind(("127.0.0.1", 0))
-            self.url = f"http://127.0.0.1:{probe.getsockname()[1]}"
+        self.url = f"http://127.0.0.1:{free_port()}"
         here = self.url.removeprefix("http://")
         self._command = ["gateway", "--slave", found[1], "--listen", here, "--token", folder / "token.toml"]
         self._command += ["--origin", origin]

@@ -3,13 +3,18 @@
 import itertools
 import os
 import signal
+import subprocess
 import time
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import pytest
-from tab_rig import WITHIN_MS, Rig, press, renderers, served, until
+from tab_rig import SECRET, WITHIN_MS, Process, Rig, free_port, press, renderers, served, until
+
+from hapticnet.protocol.key_files import write_key
+from hapticnet.protocol.keys import PrivateKey, format_key
+from hapticnet_gateway.cli import read_token
 
 pytest.importorskip("playwright")
 pytestmark = pytest.mark.browser
@@ -18,6 +23,14 @@ SLEW_N_PER_S = 50.0
 FASTEST_M_PER_S = 0.06
 STEP_N = 0.3
 """The codec's own steps on the way down a tissue, between two ticks of a busy machine."""
+
+SPRING = """
+import {{ createSocket }} from "node:dgram";
+import {{ Slave, onSocket, serve }} from "{index}";
+const socket = createSocket("udp4");
+socket.bind({port}, "127.0.0.1");
+serve(new Slave({{ scene: "a spring" }}), onSocket(socket), ([x]) => [x > 0.01 ? 300 * (x - 0.01) : 0]);
+"""
 
 
 @pytest.fixture(scope="module")
@@ -80,6 +93,7 @@ def test_a_tab_feels_a_sealed_slave_and_no_key_leaves_it(rig: Rig, page: Any):
     press(page, 26)
     feels(page)
     assert page.locator("#seal").inner_text() == "sealed"
+    assert page.locator("#granted").inner_text().endswith("a second; the slave predicts your hand")
     assert page.evaluate("document.documentElement.scrollWidth") <= PHONE["width"]
     page.locator("#trip").filter(has_text="ms").wait_for(timeout=WITHIN_MS)
     page.mouse.up()
@@ -124,6 +138,68 @@ def test_a_page_without_keys_asks_for_them_or_makes_one(rig: Rig, page: Any):
     assert "[[master]]" in page.locator("#entry").inner_text()
     page.locator("button.primary").click()
     page.locator("#session[data-level=bad]", has_text="key").wait_for(timeout=WITHIN_MS)
+
+
+def test_a_slave_without_the_codec_is_asked_once_more_for_deadband(package: Path, tmp_path: Path, page: Any):
+    """The package's own slave has neither that codec nor few positions."""
+    port = str(free_port())
+    program = SPRING.format(index=(package / "dist" / "index.js").as_uri(), port=port)
+    with subprocess.Popen(["node", "--experimental-global-webcrypto", "--input-type=module", "-e", program]) as slave:
+        write_key(tmp_path / "token.toml", SECRET)
+        here = f"127.0.0.1:{free_port()}"
+        arguments = ["--slave", f"127.0.0.1:{port}", "--listen", here, "--token", tmp_path / "token.toml"]
+        gateway = Process("gateway", *arguments, folder=package / "dist")
+        try:
+            gateway.said("page:")
+            page.goto(f"http://{here}/#token={read_token(tmp_path / 'token.toml')}&begin=1")
+            touching(page)
+            press(page, 15)
+            feels(page)
+            said = "the slave refuses motion-predictive: deadband is used; each position is sent"
+            assert page.locator("#granted").inner_text() == said
+        finally:
+            gateway.stop()
+            slave.terminate()
+
+
+@pytest.mark.parametrize(
+    ("wrong", "words"),
+    [
+        ({"axes": "2"}, "The slave refuses: the master has 2 axes"),
+        ({"slave": "", "key": ""}, "The slave refuses: this slave serves sealed sessions only"),
+        ({"slave": format_key(PrivateKey(bytes(32)).public)}, "the slave does not answer: does it run, and is this"),
+    ],
+    ids=["axes", "no keys", "another slave's key"],
+)
+def test_what_is_wrong_is_told_and_nothing_else_is_asked_for(rig: Rig, page: Any, wrong: dict[str, str], words: str):
+    page.goto(rig.address(**wrong))
+    page.locator("#session", has_text=words).wait_for(timeout=WITHIN_MS)
+    assert page.locator("#granted").inner_text() == ""
+    page.locator("#change").click()
+    page.locator("button.primary").wait_for()
+    assert page.locator("[name=token]").input_value() == rig.fragment["token"]
+
+
+def test_a_wrong_key_is_told_at_the_form(rig: Rig, page: Any):
+    page.goto(rig.address(key="abc"))
+    page.locator("#wrong", has_text="keys.private has 3 characters").wait_for(timeout=WITHIN_MS)
+    assert page.locator("#touching").is_hidden()
+
+
+def test_a_slave_that_ends_in_contact_leaves_no_force_and_says_so(
+    package: Path, elsewhere: str, tmp_path: Path, page: Any
+):
+    rig = Rig(tmp_path, package / "dist", elsewhere)
+    try:
+        page.goto(rig.address())
+        touching(page)
+        press(page, 26)
+        feels(page)
+        rig.slave.stop()
+        page.locator("#session[data-level=wait]", has_text="no force; the slave says: ").wait_for(timeout=WITHIN_MS)
+        until(page, "force.textContent === '0.00 N'")
+    finally:
+        rig.close()
 
 
 def test_a_tab_that_sleeps_goes_to_no_force_and_wakes_without_a_jump(rig: Rig, page: Any):
