@@ -28,7 +28,7 @@ function felt(found) {
   const known = found.filter(({ above_jnd: above }) => above !== null);
   const unknown = found.filter(({ above_jnd: above }) => above === null).map(({ label }) => label);
   const words = known.length ? [`More than one JND from the true force: ${known.map(share).join(", ")} of the time.`] : [];
-  if (unknown.length) words.push(`How far the held force is from the true one is not known${unknown[0] ? ` in ${unknown.join(" and ")}` : ""}.`);
+  if (unknown.length) words.push(`The error of the held force is not known${unknown[0] ? ` in ${unknown.join(" and ")}` : ""}.`);
   return words.join(" ");
 }
 

@@ -41,7 +41,7 @@ function keys(): MasterKeys | undefined {
   return psk === "" ? { private: own, slave } : { private: own, slave, psk };
 }
 
-/** Keep what was typed in the address, behind the #, which browsers send to nobody. */
+/** Keep the settings in the fragment of the address (after #), which browsers never send. */
 function remember(): void {
   for (const name of ["token", "gateway", "slave", "key", "psk", "codec", "positions", "axes", "multiplier"])
     if (value(name) === "") given.delete(name);
