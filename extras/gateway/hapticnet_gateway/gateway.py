@@ -10,6 +10,7 @@ import socket
 from collections import Counter
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from ipaddress import ip_address
 from typing import Any, Final
 
 from aiohttp import web
@@ -228,16 +229,28 @@ class Gateway(Site):
 
 def check_origin(text: str) -> str:
     """Return an origin as browsers send it; raise SettingsError if it is invalid."""
-    scheme, separator, rest = text.partition("://")
+    scheme, separator, rest = text.lower().partition("://")
     if scheme not in ("http", "https") or not separator or not rest or any(each in rest for each in "/?#@ *"):
         raise SettingsError(f"origin {text!r} must be as browsers send it, such as https://touch.example")
-    return text.lower()
+    default = {"http": ":80", "https": ":443"}[scheme]  # browsers leave it out
+    return text.lower().removesuffix(default)
 
 
 def check_slave(address: HostPort) -> HostPort:
-    """Return the slave's address in numbers, looked up once; UnavailableError if there is no such host."""
+    """Return the slave's address in numbers, looked up once.
+
+    Raises
+    ------
+    UnavailableError
+        If there is no such host.
+    SettingsError
+        If it is not one host, but a group or all hosts of a network.
+    """
     sock, target = open_toward(address)
     sock.close()
+    host = ip_address(target[0].partition("%")[0])
+    if host.is_multicast or host == ip_address("255.255.255.255"):
+        raise SettingsError(f"slave is {address}; it must be the address of one host")
     return HostPort(target[0], target[1])
 
 

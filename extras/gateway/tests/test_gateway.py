@@ -21,6 +21,7 @@ from hapticnet.runtime.udp import HostPort, listen
 from hapticnet_gateway import gateway as gateway_module
 from hapticnet_gateway import tab as tab_module
 from hapticnet_gateway.cli import GatewayOptions, carry, read_token
+from hapticnet_gateway.gateway import check_origin
 from hapticnet_gateway.offer import LARGEST_OFFER, read_offer
 from tests.peers import KEY
 from tests.ready import hapticnet
@@ -334,6 +335,11 @@ def test_the_command_makes_a_token_once_and_reports_at_the_end(tmp_path):
     os.chmod(tmp_path / "token.toml", 0o644)
     assert "accessible to other users" in hapticnet(*command).stderr
     assert "such as https://touch.example" in hapticnet("gateway", "--origin", "touch.example").stderr
+    for address in ("255.255.255.255:9", "239.1.2.3:9", "[ff02::1%lo]:9"):
+        assert "must be the address of one host" in hapticnet("gateway", "--slave", address).stderr
+    assert [check_origin(f"HTTPS://Touch.example{port}") for port in ("", ":443", ":444")] == [
+        "https://touch.example", "https://touch.example", "https://touch.example:444",
+    ]  # fmt: skip
 
 
 def test_without_its_libraries_it_says_what_to_install(monkeypatch):
